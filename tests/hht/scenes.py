@@ -131,3 +131,55 @@ def forget_code(monkeypatch):
     for module, name in kept:
         monkeypatch.setattr(module, name, Cache(100))
     monkeypatch.setattr(idle, "_idle", [])
+
+
+STIFFNESS = np.array([[3e4, 1e4], [-2e4, 5e4]])  # not symmetric, so that its transpose is another matrix [1/s^2]
+DAMPING = np.array([[3.0, 1.0], [-2.0, 5.0]])  # [1/s]
+REST = np.array([0.6, -0.9])
+
+
+def stiff_force(t, q, v):
+    stretch = q - REST
+    return -STIFFNESS @ (stretch + stretch**3) - DAMPING @ v
+
+
+def wrong_jacobians(t, q, v):
+    return STIFFNESS, np.zeros((2, 2))
+
+
+class Shadow(System):
+    """A pendulum and a coordinate without mass that follows it; its row of g_q changes its size along the motion."""
+
+    mass_matrix: object = parameter((1.0, 1.0, 0.0))
+
+    def force(self, t, q, v):
+        return jnp.stack([0.0 * t, -GRAVITY + 0.0 * t, 0.0 * t])
+
+    def constraint(self, t, q):
+        return jnp.stack([(q[0] ** 2 + q[1] ** 2 - 1.0) / 2.0, q[2] - 3.0 * q[0] ** 2])
+
+
+class Bead(System):
+    """A particle on a turning ring, with a mass that depends on the place and a force that depends on time."""
+
+    def mass_matrix(self, t, q):
+        return jnp.eye(2) * (1.0 + 0.1 * q[0] ** 2)
+
+    def force(self, t, q, v):
+        return jnp.stack([jnp.sin(3.0 * t), -GRAVITY * (1.0 + 0.1 * q[0] ** 2)])
+
+    def constraint(self, t, q):
+        return jnp.stack([(q @ q - 1.0) / 2.0])
+
+
+STEPPED = {
+    "numpy": (SYSTEMS["numpy"], Q0, V0),
+    "jax": (JAX_PENDULUM, Q0, V0),
+    "variable mass": (Bead(), Q0, V0),
+    "singular mass": (Shadow(), [*Q0, 3.0 * Q0[0] ** 2], [*V0, 6.0 * Q0[0] * V0[0]]),
+    "wrong jacobian": (pendulum(force=stiff_force, force_jacobians=wrong_jacobians), Q0, V0),
+}
+
+
+def bits(state):
+    return [np.asarray(x).tobytes() for x in (state.t, state.q, state.v, state.a, state.f, state.lam, state.mu, state.vdot)]

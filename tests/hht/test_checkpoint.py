@@ -1,8 +1,11 @@
 """Stepping by hand that is saved and resumed goes on as if it had never stopped (row R3)."""
 
+import base64
 import copy
 import hashlib
+import json
 import pickle
+from dataclasses import replace
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -16,8 +19,7 @@ from hhtbench.result import Status
 from solvers.hht import HHT, Event
 from solvers.hht.run.checkpoint import MAGIC, VERSION
 from tests.hht.event_scenes import ACCURACY, FREE, begun, height, wall
-from tests.hht.scenes import PENDULUM, Q0, SYSTEMS, V0
-from tests.hht.test_reproducible import STEPPED, bits
+from tests.hht.scenes import JAX_PENDULUM, PENDULUM, Q0, STEPPED, SYSTEMS, V0, bits
 
 
 def stepped(solver, count):
@@ -69,14 +71,6 @@ def test_occurrences_go_on_counting_after_a_checkpoint(accuracy):
     assert bits(whole.state) == bits(parts.state)
     assert whole.message == parts.message
     assert whole.counters == parts.counters
-
-
-def test_a_checkpoint_keeps_the_message():
-    solver = HHT(SYSTEMS["jax"])
-    assert solver.init_step(0.0, 1.01 * Q0, V0, step=0.01, calc_initcond=True) is Status.success
-    other = HHT(SYSTEMS["jax"])
-    other.resume(solver.checkpoint())
-    assert "calc_initcond moved q0" in other.message == solver.message
 
 
 def sealed(body, version=VERSION):
@@ -168,3 +162,102 @@ def test_what_a_system_cannot_tell_is_said(system, what):
     saved = begun(system).checkpoint()
     with pytest.warns(UserWarning, match=f"{what}, which has no fingerprint: that it is the checkpoint's.* is not checked"):
         HHT(system).resume(saved)
+
+
+def parts_of(checkpoint):
+    """The JSON of a checkpoint."""
+    return json.loads(checkpoint.partition(b"\n")[2])
+
+
+def made_of(tree):
+    return sealed(json.dumps(tree).encode())
+
+
+def array(values, shape=None):
+    """As a checkpoint holds it."""
+    content = base64.b64encode(np.asarray(values, dtype=float).tobytes()).decode()
+    return {"type": "array", "shape": list(np.shape(values)) if shape is None else shape, "content": content}
+
+
+def set_at(tree, path, value):
+    *owners, last = path.split(".")
+    for name in owners:
+        tree = tree[name]
+    tree[last] = value
+
+
+@pytest.fixture(scope="module")
+def chain():
+    """A maker of solvers and a checkpoint with every kind of record: step control, events, a factorisation in bands."""
+    problem, events = hb.load_problem("planar_chain(n_links=5)"), [height, wall()]
+    solver = HHT(problem.system, events=events)
+    assert solver.init_step(0.0, problem.q0, problem.v0, rtol=1e-4) is Status.success
+    for _ in range(8):
+        assert solver.step() is Status.success
+    return (lambda: HHT(problem.system, events=events)), solver.checkpoint()
+
+
+HOSTILE = {
+    "integrator.type": ["_Reader", "object", "Run", "", None, 3, ["IntegratorState"]],
+    "integrator.state.type": ["Place", "IntegratorState"],
+    "integrator.state.factorised.type": ["State", "ControlMemory", "Factor"],
+    "integrator.state.q": [
+        1.0,
+        None,
+        {"type": "array", "shape": [1], "content": "AAAA"},
+        {"type": "array", "shape": [1], "content": "@@@@"},
+        {"type": "array", "shape": [1], "content": 3},
+        {"type": "array"},
+    ],
+    "integrator.state.h": [0.0, "x", True, 10**400, 1],
+    "integrator.state.t": ["__import__('os').system('touch evil')", {"type": "eval"}, [1.0]],
+    "integrator.state.memory.h_next": [0.0, -1.0],
+    "integrator.tally": [{"type": "Counter", "__class__": 1}, {"type": "Counter", "newton_iterations": -1}, {}],
+    "integrator.watch.counts": [[0], [0, 0, 0], [0, 0.5]],
+    "setup": [None, {}, []],
+}
+
+
+@pytest.mark.parametrize("path", HOSTILE)
+def test_a_hostile_checkpoint_is_refused(path, chain, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make, saved = chain
+    for value in HOSTILE[path]:
+        tree = parts_of(saved)
+        set_at(tree, path, value)
+        with pytest.raises(hb.ProblemError):
+            make().resume(made_of(tree))
+    assert not list(tmp_path.iterdir())
+
+
+def test_mutated_checkpoints_are_refused_or_legal(chain):
+    """A thousand, behind the right checksum: ProblemError, or a finite state from which a step can be tried."""
+    make, saved = chain
+    body, random, solver = saved.partition(b"\n")[2], np.random.default_rng(13), make()
+    refused = 0
+    for _ in range(1000):
+        changed = bytearray(body)
+        for at in random.integers(0, len(body), random.integers(1, 4)):
+            changed[at] = random.integers(0, 256)
+        try:
+            solver.resume(sealed(bytes(changed)))
+        except hb.ProblemError:
+            refused += 1
+            continue
+        state = solver.state
+        assert all(np.isfinite(x).all() for x in (state.t, state.q, state.v, state.a, state.lam))
+        assert isinstance(solver.step(), Status)
+    assert 100 < refused < 1000
+
+
+@pytest.mark.parametrize("size", [2, 10**6])
+def test_a_state_of_another_length_is_refused(size):
+    hht = HHT(JAX_PENDULUM)
+    hht.init_step(0.0, Q0, V0, step=0.01)
+    assert hht.step() is Status.success
+    before = hht.state
+    hht.restart(replace(before, factorised=replace(before.factorised, at=np.zeros(size))))
+    with pytest.raises(hb.ProblemError, match="arrays are of other lengths"):
+        hht.step()
+    hht.restart(before)
+    assert hht.step() is Status.success

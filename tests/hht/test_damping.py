@@ -7,31 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hhtbench import load_solver
-from hhtbench.registry import load_verification
-from hhtbench.report.figures import MOST_MARKS
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.solver import HHT
 from solvers.hht.verify import damping
 from solvers.hht.verify.damping import (
     ROWS,
     STEP,
-    closed_invariants,
     make_scene,
     measured_matrix,
     one_step,
     overshoot,
-    radius,
     rho_inf,
-    roots,
-    series,
-    spectrum,
     swing,
-    swing_of,
 )
 from solvers.hht.verify.measure import step_by_hand
-from solvers.hht.verify.study import ALPHAS
-from tests.hht.scenes import Q0, V0, forget_code, pendulum, same_bits
+from tests.hht.scenes import forget_code, pendulum
 
 IMPLICIT = {"b": 0.0, "reaction": "implicit"}
 HALF = {"b": 0.25, "reaction": "implicit"}
@@ -80,79 +70,6 @@ def test_rho_inf_names_the_method_of_one_alpha(rho, alpha):
     assert -1 / 3 <= coefficients.alpha <= 0
 
 
-def test_rho_inf_makes_the_same_steps_as_its_alpha():
-    first, second = (
-        HHT(pendulum(), **name).solve((0.0, 0.1), Q0, V0, step=0.01) for name in ({"rho_inf": 0.6}, {"alpha": -0.25})
-    )
-    assert same_bits(first, second)
-
-
-def test_without_either_alpha_is_its_default():
-    assert HHT(pendulum()).options.method().coefficients.alpha == -0.05
-    assert HHT(pendulum(), alpha=None, rho_inf=None).options.method().coefficients.alpha == -0.05
-
-
-def test_spec_takes_rho_inf():
-    assert load_solver("hht(rho_inf=0.8)").options == {"rho_inf": 0.8}
-
-
-def test_verification_is_registered():
-    assert load_verification("damping") is damping.verify_damping
-
-
-@pytest.mark.parametrize(
-    ("alpha", "frequency", "trace", "minors", "determinant"),
-    [
-        (0.0, 10.0, -1.846153846154, 1.0, 0.0),
-        (-0.05, 0.1, 1.989913598113, 0.9997749642421, -0.0001125178789663),
-        (-0.15, 1000.0, -1.654718453131, 0.8071840509408, -0.09640797452961),
-        (-0.3, 1.0, 1.199884236928, 0.9432760949257, -0.02836195253714),
-        (-1 / 3, 1e8, -1.5, 0.75, -0.125),
-    ],
-)
-def test_the_closed_invariants_equal_stored_numbers(alpha, frequency, trace, minors, determinant):
-    """Numbers to 12 digits from 60-digit arithmetic."""
-    found = closed_invariants(alpha, frequency, 0.0)
-    np.testing.assert_allclose(found, (trace, minors, determinant), rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("alpha", "frequency", "stored"),
-    [(0.0, 1e3, 1.0), (-0.05, 10.0, 0.913168287395), (-0.3, 0.1, 0.9999981746504), (-1 / 3, 1e3, 0.5078471682714)],
-)
-def test_closed_radius_equals_stored_numbers(alpha, frequency, stored):
-    """From 60-digit arithmetic; the polynomial's coefficients are rounded, near a triple root that costs digits."""
-    assert radius(roots(alpha, frequency, 0.0)) == pytest.approx(stored, abs=1e-11)
-
-
-@pytest.mark.parametrize(
-    ("alpha", "xi", "elongation"),
-    [
-        (-0.05, 5.615266642e-6, 9.480197570e-4),
-        (-0.3, 1.827621913e-5, 1.243936875e-3),
-        (-1 / 3, 1.841873736e-5, 1.248091235e-3),
-    ],
-)
-def test_eigenvalues_and_series_give_stored_damping_and_elongation(alpha, xi, elongation):
-    """From 60-digit arithmetic at w h = 0.1."""
-    exact, leading = swing_of(roots(alpha, 0.1, 0.0), 0.1), series(alpha, 0.1)
-    assert exact.damping == pytest.approx(xi, rel=1e-7)
-    assert exact.elongation == pytest.approx(elongation, rel=1e-8)
-    assert leading.damping == pytest.approx(xi, rel=0.01)
-    assert leading.elongation == pytest.approx(elongation, rel=0.01)
-
-
-@pytest.mark.parametrize("alpha", [0.0, -0.3, -1 / 3])
-def test_oscillator_is_advanced_by_the_closed_matrix_up_to_infinite_frequency(alpha):
-    assert one_step("oscillator", (alpha,), IMPLICIT, (*CASES, (1e8, 0.0))).passed
-
-
-@pytest.mark.parametrize("alpha", ALPHAS)
-def test_one_step_on_the_oscillator_is_the_closed_amplification_matrix_entry_by_entry(alpha):
-    measured = measured_matrix(make_scene("oscillator"), {"alpha": alpha}, 3.0, 0.05)
-    np.testing.assert_allclose(measured, amplification_matrix(alpha, 3.0, 0.05), rtol=0, atol=1e-14)
-
-
 @pytest.mark.parametrize("method", [IMPLICIT, HALF], ids=["b=0", "b=0.25"])
 @pytest.mark.parametrize("name", SCENES)
 def test_constrained_scene_is_advanced_along_its_free_direction_by_the_closed_matrix(name, method):
@@ -160,30 +77,6 @@ def test_constrained_scene_is_advanced_along_its_free_direction_by_the_closed_ma
     assert one_step(name, (-0.3,), method, CASES).passed
     measured = measured_matrix(make_scene(name), {**method, "alpha": -0.3}, 3.0, 0.05)
     np.testing.assert_allclose(measured, amplification_matrix(-0.3, 3.0, 0.05), rtol=0, atol=1e-13)
-
-
-@pytest.mark.parametrize("name", ["guided", "mixed"])
-def test_the_force_across_the_free_direction_is_felt_by_the_scene(name):
-    """Otherwise the reactions would have nothing to take up and the claim would be that of the oscillator."""
-    made = make_scene(name)
-    force = made.shape @ made.free
-    assert np.linalg.norm(force - made.along * (made.free @ force)) > 0.3
-    assert abs(made.free @ made.shape @ across(made)) > 0.1
-
-
-@pytest.mark.parametrize("rho", [1.0, 0.8, 0.5])
-def test_rho_inf_is_the_measured_radius_at_infinite_frequency(rho):
-    assert rho_inf(rho).passed
-
-
-@pytest.mark.parametrize("alpha", [0.0, -0.3])
-def test_a_long_run_has_the_damping_and_period_of_the_eigenvalues_and_of_the_series(alpha):
-    rows = [
-        row
-        for x, periods in ((0.05, 10), (0.1, 20))
-        for row in swing("oscillator", {**IMPLICIT, "alpha": alpha}, x, periods)
-    ]
-    assert [row.passed for row in rows] == [True] * 4
 
 
 def test_a_bead_on_a_circle_has_the_damping_and_elongation_of_the_oscillator():
@@ -242,35 +135,3 @@ def test_wrong_weight_fails_every_row_that_depends_on_it(monkeypatch, weight, fa
     found = rows()
     assert found
     assert not any(row.passed for row in found)
-
-
-def test_verification_reports_failure_where_beta_is_wrong(monkeypatch):
-    monkeypatch.setattr(damping, "STUDIES", ((rho_inf, 0.9), (overshoot, -0.3)))
-    assert damping.verify_damping().passed
-    forget_code(monkeypatch)
-    monkeypatch.setattr(Coefficients, "beta", wrong("beta", 1.01))
-    progress = []
-    evidence = damping.verify_damping(lambda *counted: progress.append(counted))
-    assert not evidence.passed
-    assert "overshoot" in evidence.summary
-    assert progress == [("studies", 0, 2), ("studies", 1, 2), ("studies", 2, 2)]
-
-
-def test_curves_show_measured_marks_on_closed_lines(monkeypatch):
-    monkeypatch.setattr(damping, "MEASURED", (1e-2, 1.0, 1e4))
-    drawn = {plot.id: {curve.label: curve for curve in plot.curves} for plot in damping.curves()}
-    assert set(drawn) == {"radius", "damping", "elongation"}
-    for curves in drawn.values():
-        marks, line = curves["alpha = -0.15, measured"], curves["alpha = -0.15, closed form"]
-        closed = dict(zip(np.round(np.log10(line.x), 6), line.y, strict=True))
-        assert [closed[round(np.log10(x), 6)] for x in marks.x] == pytest.approx(list(marks.y), rel=1e-3)
-        assert len(marks.x) <= MOST_MARKS < len(line.x)  # the report draws marks or a line by the number of points
-    assert drawn["radius"]["alpha = -0.15, guided"].y == pytest.approx(
-        drawn["radius"]["alpha = -0.15, measured"].y, abs=1e-9
-    )
-
-
-def test_wrong_matrix_has_another_spectrum():
-    honest = amplification_matrix(-0.3, 1e3, 0.0)
-    assert radius(spectrum(honest)) == pytest.approx(radius(roots(-0.3, 1e3, 0.0)), abs=1e-9)
-    assert abs(radius(spectrum(honest * 1.001)) - radius(roots(-0.3, 1e3, 0.0))) > 1e-4

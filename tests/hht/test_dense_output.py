@@ -5,7 +5,6 @@ import tracemalloc
 import numpy as np
 import pytest
 
-import hhtbench as hb
 from hhtbench.result import Status
 from solvers.hht import HHT
 from solvers.hht.run import history, solve
@@ -43,42 +42,6 @@ def test_interpolation_adds_an_error_of_order_four_in_q_and_three_in_v(route, al
     assert np.all(slopes[:, 1] > 2.8)
 
 
-@pytest.mark.parametrize("end", [0.8, -0.8])
-def test_between_steps_the_error_falls_by_four_when_the_step_is_halved(end):
-    """The interpolation is of higher order than the steps, so output between them is as good as at them."""
-    errors = []
-    for h in (0.04, 0.02, 0.01):
-        solution = HHT(SYSTEMS["jax"]).solve((0.0, end), Q0, V0, step=h)
-        times = np.linspace(0.0, end, 97)
-        dense = solution(times)
-        q, v = pendulum_at(times)
-        at_steps = pendulum_at(solution.t)
-        errors.append([np.max(np.abs(dense.q - q)), np.max(np.abs(dense.v - v))])
-        assert errors[-1][0] < 1.5 * np.max(np.abs(solution.q - at_steps[0]))
-        assert errors[-1][1] < 1.5 * np.max(np.abs(solution.v - at_steps[1]))
-    ratios = np.array(errors[:-1]) / np.array(errors[1:])
-    assert np.all(ratios > 3.7)
-
-
-@pytest.mark.parametrize("name", ["unit pendulum", "jay_negrut_pendulum", "bead_on_rotating_rod"])
-def test_constraints_between_steps_fall_by_sixteen_when_the_step_is_halved(name):
-    """g and its rate vanish at both ends of a step, so the cubic leaves O(h^4) of g between them."""
-    if name == "unit pendulum":
-        system, q0, v0, span, steps = SYSTEMS["jax"], Q0, V0, 0.8, 20
-        residual = lambda t, q: (np.sum(q * q, axis=1)[:, None] - 1.0) / 2.0  # noqa: E731
-    else:
-        problem = hb.load_problem(name)
-        system, q0, v0, span, steps = problem.system, problem.q0, problem.v0, 0.4, 20
-        residual = lambda t, q: np.array([system.constraint(x, y) for x, y in zip(t, q, strict=True)])  # noqa: E731
-    found = []
-    for count in (steps, 2 * steps, 4 * steps):
-        solution = HHT(system).solve((0.0, span), q0, v0, steps=count)
-        times = (np.arange(12, 16)[:, None] + INSIDE[::6]).ravel() * span / 20  # the same places for all
-        found.append(np.max(np.abs(residual(times, solution(times).q))))
-    ratios = np.array(found[:-1]) / np.array(found[1:])
-    assert np.all(ratios > 12.0), found
-
-
 @pytest.mark.parametrize("route", SYSTEMS)
 @pytest.mark.parametrize("how", [{"step": 0.03}, {"steps": [0.2, 0.1, 0.3, 0.2]}, {"rtol": 1e-5}], ids=str)
 def test_output_times_change_no_bit_of_the_steps(route, how):
@@ -97,20 +60,6 @@ def test_output_times_change_no_bit_of_the_steps(route, how):
     assert bound.q[row].tobytes() == free.q[3].tobytes()
     for name in ("residual_evaluations", "newton_iterations", "factorisations", "steps_accepted"):
         assert getattr(free.counters, name) == getattr(bound.counters, name)
-
-
-@pytest.mark.parametrize("span", [(0.0, 0.3), (0.3, 0.0)])
-def test_dense_output_returns_step_ends_as_they_are_and_refuses_times_outside(span):
-    solution = HHT(SYSTEMS["jax"]).solve(span, Q0, V0, step=0.03)
-    dense = solution(solution.t)
-    assert dense.q.tobytes() == solution.q.tobytes()
-    assert dense.v.tobytes() == solution.v.tobytes()
-    one = solution(0.1)
-    assert one.q.shape == one.v.shape == (2,)
-    assert np.array_equal(solution([0.1]).q[0], one.q)
-    for outside in (-1e-9, 0.3 + 1e-9, np.nan, np.inf):
-        with pytest.raises(ValueError, match="covers"):
-            solution(outside)
 
 
 @pytest.mark.parametrize("span", [(0.0, 2.0), (2.0, 0.0)])

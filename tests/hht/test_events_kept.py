@@ -194,3 +194,14 @@ def test_a_bounce_just_before_a_prescribed_time_is_no_second_one(gap):
     )
     assert solution.success
     np.testing.assert_allclose(solution.t_events[0], [fall], rtol=1e-14)
+
+
+def test_an_impact_just_behind_a_steps_start_is_no_pile_up():
+    """The second bounce of a ball lies 1e-7 of a step behind the start of a step that no change has made."""
+    system = NumpySystem(force=lambda t, q, v: np.array([-GRAVITY]))
+    floor = Event(lambda t, q, v: q[0], direction=-1, change=lambda t, q, v: (q, -0.5 * v))
+    second = 2.0 * np.sqrt(2.0 / GRAVITY)  # of a fall from 1 m and a rebound with half the speed
+    ends = np.concatenate([[0.0], np.arange(0.1, second - 0.05, 0.1), second - 1e-8 + 0.1 * np.arange(3)])
+    solution = HHT(system, alpha=0.0, events=floor).solve((0.0, ends[-1]), [1.0], [0.0], steps=np.diff(ends))
+    assert solution.success, solution.message
+    assert np.allclose(solution.t_events[0][:2], [second / 2, second], rtol=0, atol=1e-6)

@@ -1,4 +1,4 @@
-"""Reactions that depend on velocities, (H50): orders, drift, declared derivatives; what has none pays nothing."""
+"""Reactions that depend on velocities, (H50): orders, drift, declared derivatives."""
 
 import re
 
@@ -8,13 +8,9 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.errors import ProblemError
-from hhtbench.lowering import derive
-from hhtbench.protocol import NumpySystem, reaction_takes_velocity
+from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from solvers.hht import HHT
-from solvers.hht.equations.coefficients import Coefficients, Method
-from solvers.hht.equations.discretise import layout
-from tests.hht.scenes import Pendulum
 
 MU, SPEED, END = 0.3, 2.0, 2.0
 
@@ -152,13 +148,6 @@ def test_a_wrong_derivative_by_v_is_found_by_check_and_replaced_in_a_solve():
         assert errors(solved(NumpySystem(**wrong), 100))["v"] < 1e-3
 
 
-def test_the_signature_tells_whether_a_reaction_takes_v():
-    assert reaction_takes_velocity(BEAD)
-    for function in (lambda t, q, lam: q, lambda *given: given[1], lambda t, q, lam, v=None: q):
-        assert not reaction_takes_velocity(NumpySystem(force=NUMPY["force"], reaction=function))
-    assert not reaction_takes_velocity(Pendulum())
-
-
 def test_jacobians_of_a_reaction_without_its_velocity_are_refused():
     short = NumpySystem(**NUMPY | {"reaction_jacobians": lambda t, q, lam: (np.eye(2), q[:, None])})
     with pytest.raises(ProblemError, match=re.escape("reaction takes (t, q, v, lam), so reaction_jacobians must")):
@@ -177,15 +166,6 @@ def test_redundant_constraints_with_friction_end_in_a_status():
     }
     solution = HHT(NumpySystem(**NUMPY | rows)).solve((0.0, END), [1.0, 0.0], [0.0, SPEED], step=0.1)
     assert solution.status is Status.redundant_constraints
-
-
-def test_a_reaction_without_v_adds_no_unknown_to_a_step():
-    method = Method(coefficients=Coefficients(alpha=-0.05, b=0.0))
-    at = 0.0, np.array([1.0, 0.0]), np.array([0.0, 1.0])
-    without = NumpySystem(**NUMPY | {"reaction": lambda t, q, lam: -lam[0] * q, "reaction_jacobians": None})
-    for system in (Pendulum(), without):
-        assert list(layout(derive(system, *at).structure, method).unknowns) == ["a", "lam0", "lam1"]
-    assert list(layout(derive(BEAD, *at).structure, method).unknowns) == ["a", "R1", "lam0", "lam1"]
 
 
 PULL, WEIGHT = 1.0, 9.81  # [N] on 1 kg

@@ -1,110 +1,32 @@
-"""Systems beyond the size of full matrices: machine code in loops without a full matrix, and which have none."""
+"""Systems beyond the size of full matrices: machine code in loops without a full matrix."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from hhtbench import System, load_problem
-from hhtbench.lowering import NotNative, derive, flattening, native
+from hhtbench.lowering import NotNative, derive, flattening
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
-from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.dynamics import jax_dynamics
-from hhtbench.lowering.dynamics.foreign import Callbacks
-from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
-from hhtbench.lowering.flattening import flat_function, jitted
-from hhtbench.lowering.scalar_compiler import native_call
 from problems.planar_chain import PlanarChain
 from solvers._projection import Projection
 from solvers.hht import HHT
-from solvers.hht.equations.coefficients import Coefficients, Method
-from solvers.hht.equations.corrections import residual_and_end, residual_and_entries
-from solvers.hht.equations.discretise import step_residual_and_ends
 from solvers.hht.run import functions, idle
-from solvers.hht.run.functions import LARGEST_STEP, SparseCode, layout_of
 from solvers.kernel import kkt
-from solvers.kernel import memory as mem
-from tests.lowering.xla import compiled
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
-ROUNDOFF = 1e-13  # of the largest
 CHAIN = "planar_chain(n_links=40)"
 BAR = "clamped_bar_impact(n_elements=250)"  # its mass is sparse, and the inverse of that full
 LARGE = (
     *(CHAIN, "bead_chain(n_beads=45)", "four_bars(n_windows=20)", "fekete(n_points=42)"),
     *("fput_chain(n_masses=250)", "oscillator_chain(n_masses=250)", BAR),
 )
-METHODS = {
-    "eliminated": Method(coefficients=Coefficients(alpha=-0.2, b=0.0)),
-    "explicit": Method(coefficients=Coefficients(alpha=-0.2, b=0.0), reaction="predictor"),
-    "unknown": Method(coefficients=Coefficients(alpha=-0.2, b=0.25)),
-}
 
 
 def dynamics_of(problem):
     return derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
-
-
-def arguments_of(problem, layout):
-    """Unknowns, and the step with the state before it as the loops keep them."""
-    s, draw, h = layout.structure, np.random.default_rng(0), 0.01
-    head = [h, h, 0.7, 1.0, 0.0, 0.0, h, 1.0, 1.0, 0.0, -1.0]
-    place = problem.q0 + 1e-3 * draw.normal(size=s.n), problem.v0 + 1e-3 * draw.normal(size=s.n)
-    return draw.normal(size=layout.size), np.concatenate([head, *place, draw.normal(size=3 * s.n + s.m + s.p)])
-
-
-@pytest.mark.parametrize(
-    ("name", "reaction"),  # every method with a mass of its diagonal and with a sparse one; the other problems take turns
-    [
-        (name, reaction)
-        for i, name in enumerate(LARGE)
-        for j, reaction in enumerate(METHODS)
-        if name in (CHAIN, BAR) or i % 3 == j
-    ],
-)
-def test_machine_code_of_a_large_system_gives_the_values_of_xla(name, reaction):
-    problem, method = load_problem(name), METHODS[reaction]
-    products = matrix_free(dynamics_of(problem))
-    layout = layout_of(products, method)
-    arguments = arguments_of(problem, layout)
-    assert layout.size > LARGEST_STEP
-    pattern = find_pattern(step_residual_and_ends, products, method, layout, example=arguments)
-    for function, more in ((residual_and_end, ()), (residual_and_entries, (pattern,))):
-        shapes = tuple(np.shape(argument) for argument in arguments)
-        value = native_call(native(function, products, method, layout, *more, shapes=shapes), shapes)(*arguments)
-        flat = flat_function(function, products, method, layout, *more)
-        given = flat.parameters, *arguments
-        expected = np.asarray(compiled(jitted(flat), *given)(*given))
-        np.testing.assert_allclose(value, expected, rtol=0.0, atol=ROUNDOFF * np.abs(expected).max())
-
-
-def stepped(count=5, engine="compiled"):
-    problem = load_problem(CHAIN)
-    hht = HHT(problem.system, engine=engine)
-    hht.init_step(problem.t_span[0], problem.q0, problem.v0, step=1e-4)
-    for _ in range(count):
-        assert hht.step().name == "success"
-    return hht
-
-
-def test_steps_of_a_large_chain_call_nothing_in_python(monkeypatch):
-    calls, entry = [], Callbacks.entry
-
-    def counted(self, function, *how):
-        return entry(self, lambda *arguments: calls.append(function) or function(*arguments), *how)
-
-    monkeypatch.setattr(Callbacks, "entry", counted)
-    hht = stepped()
-    assert "machine code, band matrix" in hht.engine_used
-    assert not hht._engine.loops.z.i[mem.CALLS_PYTHON]
-    assert calls == []
-
-
-def test_a_large_chain_moves_the_same_in_plain_loops():
-    compiled, plain = stepped(), stepped(engine="python")
-    np.testing.assert_array_equal(compiled.state.q, plain.state.q)
-    np.testing.assert_array_equal(compiled.state.v, plain.state.v)
 
 
 def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(monkeypatch):
@@ -122,38 +44,6 @@ def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(mo
     one_by_one = HHT(problem.system).solve(span, problem.q0, problem.v0, step=1e-4)
     assert not np.array_equal(many.lam, one_by_one.lam), "the same way was taken"
     np.testing.assert_allclose(many.lam, one_by_one.lam, rtol=0.0, atol=1e-10 * np.abs(one_by_one.lam).max())
-
-
-class Sorted(System):
-    """Springs between neighbours in the order of their places: no rule knows sorting."""
-
-    def force(self, t, q, v):
-        return -jnp.sort(q)
-
-
-class Filled(System):
-    """Every coordinate's motion drags every other one along."""
-
-    mass_matrix = np.eye(250) + 0.001
-
-    def force(self, t, q, v):
-        return -q
-
-
-def refusal(system, n, v=0.0):
-    place = np.linspace(0.0, 1.0, n), np.full(n, v)
-    dynamics, method = derive(system, 0.0, *place), METHODS["eliminated"]
-    with pytest.raises(NotNative) as refused:
-        SparseCode(dynamics, method, layout_of(dynamics, method), "auto")
-    return refused.value.reason
-
-
-def test_what_has_no_machine_code_says_why(monkeypatch):
-    assert "a mass that fills" in refusal(Filled(), 250)
-    assert "sort" in refusal(Sorted(), 250)
-    monkeypatch.setattr(functions, "MOST_COMPUTED", 10)
-    chain = load_problem("fput_chain(n_masses=250)")
-    assert "derivatives of" in refusal(chain.system, chain.q0.size)
 
 
 def bar_moved(tend, **accuracy):
@@ -184,21 +74,6 @@ def test_halving_the_step_of_a_bar_leaves_a_quarter_of_its_error():
     assert 3.6 < errors[0] / errors[1] < 4.4
 
 
-def test_a_bar_under_error_control_calls_nothing_in_python_after_its_start(monkeypatch):
-    calls, entry = [], Callbacks.entry
-
-    def counted(self, function, *how):
-        return entry(self, lambda *arguments: calls.append(function) or function(*arguments), *how)
-
-    monkeypatch.setattr(Callbacks, "entry", counted)
-    monkeypatch.setattr(idle, "_idle", [])
-    _, short = bar_moved(1e-3, rtol=1e-3)
-    few = len(calls)
-    _, long = bar_moved(1e-2, rtol=1e-3)
-    assert long.counters.steps_accepted > 2 * short.counters.steps_accepted
-    assert len(calls) <= 2 * few
-
-
 class Eccentric(PlanarChain):
     """Rods whose centres of mass lie beside their middles, a fifth of a length along: M turns with them."""
 
@@ -226,13 +101,6 @@ class Swelling(System):
 
     def force(self, t, q, v):
         return jnp.cos(3.0 * jnp.arange(q.size)) - q - 0.1 * v
-
-
-class Lopsided(Swelling):
-    """The same with a mass that is not symmetric."""
-
-    def mass_matrix(self, t, q):
-        return super().mass_matrix(t, q).at[0, 1].multiply(1.5)
 
 
 def eccentric():
@@ -268,13 +136,6 @@ def test_a_large_system_moves_the_same_by_entries_of_a_variable_mass_and_by_full
     for name in ("q", "v", "lam"):
         size = np.abs(getattr(full, name)).max(initial=1e-300)
         np.testing.assert_allclose(getattr(sparse, name), getattr(full, name), rtol=0.0, atol=bound * size)
-
-
-def test_a_variable_mass_without_an_inverse_by_its_entries_is_a_full_matrix():
-    with pytest.warns(UserWarning, match="mass_matrix is not symmetric"):
-        hht, found = variable_moved(swelling(Lopsided), 0.01, steps=2)
-    assert found.success
-    assert "dense matrix" in hht.engine_used
 
 
 def test_projections_of_a_large_system_make_nothing_anew(monkeypatch):

@@ -1,27 +1,17 @@
-"""Under error control force rows stop where the error allows, (H35); the constraint rows go on to roundoff."""
+"""Under error control force rows stop where the error allows, (H35); matrices are kept while it contracts."""
 
 import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.drift import measure_drift
 from hhtbench.lowering.caching import Cache
 from solvers.hht import HHT
 from solvers.hht.run import functions, idle
 from solvers.hht.step.newton import NewtonOptions
-from tests.hht.scenes import Q0, SYSTEMS, V0
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
 LIBRARY = ("andrews", "arevalo_circle", "jay_negrut_test1", "knife_edge", "simple_pendulum", "stiff_spring_pendulum")
-HOSTILE = (
-    "bricard",
-    "andrews",
-    "knife_edge",
-    "jay_negrut_test1",
-    "redundant_pendulum",
-    "stiff_spring_pendulum(stiffness=1e8)",
-)
 
 
 def solve(name, **request):
@@ -63,17 +53,6 @@ def test_force_rows_stop_early_under_error_control_and_go_to_roundoff_in_prescri
     assert np.array_equal(prescribed_steps("simple_pendulum").q, prescribed.q)
 
 
-@pytest.mark.parametrize("rtol", [1e-2, 1e-4])
-@pytest.mark.parametrize("name", HOSTILE)
-def test_both_constraint_levels_are_at_roundoff_at_every_controlled_step(name, rtol):
-    problem = hb.load_problem(name)
-    drift = measure_drift(problem, solve(name, rtol=rtol))
-    assert drift is not None
-    assert drift.position is None or drift.position.max() < 1e-13
-    assert drift.velocity is not None
-    assert drift.velocity.max() < 1e-12
-
-
 @pytest.mark.parametrize("stiffness", ["1e8", "1e10", "1e12"])
 def test_a_stiff_spring_that_has_turned_is_not_left_unbalanced(stiffness):
     """Seen in the imbalance alone: increments by a matrix of its old direction are small there."""
@@ -84,29 +63,11 @@ def test_a_stiff_spring_that_has_turned_is_not_left_unbalanced(stiffness):
     assert np.abs(solution.q - rigid["q"]).max() < 3.0 * 3e-3 * np.max(problem.scales.q)
 
 
-@pytest.mark.parametrize("route", SYSTEMS)
-def test_both_engines_stop_at_the_same_bits(route):
-    solutions = [
-        HHT(SYSTEMS[route], engine=engine).solve((0.0, 1.0), Q0, V0, rtol=1e-3) for engine in ("compiled", "python")
-    ]
-    assert route == "numpy" or evaluations(solutions[0]) < 3.0  # differences of the constraints count too
-    assert np.array_equal(solutions[0].q, solutions[1].q)
-
-
 @pytest.mark.parametrize(("name", "rtol"), [("planar_chain", 1e-2), ("bricard", 1e-3)])
 def test_large_steps_of_closed_and_long_chains_are_hardly_ever_begun_again(name, rtol):
     """(H46): with the last lam0 for the next one 21 of 122 steps were, and 130 of 186."""
     counters = solve(name, rtol=rtol).counters
     assert counters.steps_rejected_newton <= 0.05 * counters.steps_accepted
-
-
-@pytest.mark.parametrize("engine", ["compiled", "python"])
-def test_large_systems_make_their_matrix_at_once_where_a_kept_one_costs_more(engine):
-    """Beginning with the kept one each time took 39 iterations, and a matrix in every step all the same."""
-    chain = hb.load_problem("planar_chain(n_links=40)")
-    counters = HHT(chain.system, engine=engine).solve((0.0, 1e-2), chain.q0, chain.v0, steps=10).counters
-    assert counters.jacobian_evaluations <= 10
-    assert counters.newton_iterations <= 33
 
 
 @pytest.mark.parametrize("engine", ["compiled", "python"])
@@ -116,3 +77,35 @@ def test_iterations_of_large_systems_end_at_the_roundoff_that_is_measured(engine
     counters = HHT(chain.system, rho_inf=0.9, engine=engine).solve((0.0, 1e-3), chain.q0, chain.v0, steps=10).counters
     assert counters.jacobian_evaluations <= 12
     assert counters.newton_iterations <= 28
+
+
+MATRIX = 3.0  # residual evaluations that a matrix of the pendulum costs at least, measured
+
+
+def with_steps(problem, steps):
+    return HHT(problem.system, alpha=-0.05).solve(problem.t_span, problem.q0, problem.v0, steps=steps)
+
+
+def test_the_pendulum_factorises_less_than_once_in_ten_steps_with_unchanged_errors_and_less_work(monkeypatch):
+    """h = 1e-3, against a new matrix for every step and for every iteration but the second."""
+    problem = hb.load_problem("jay_negrut_pendulum")
+    steps = 4000
+    kept = with_steps(problem, steps)
+    monkeypatch.setattr(functions, "NewtonOptions", lambda: NewtonOptions(other_step=-1.0, refresh_rate=0.0))
+    monkeypatch.setattr(functions, "_known", Cache(16))
+    monkeypatch.setattr(idle, "_idle", [])
+    fresh = with_steps(problem, steps)
+    assert fresh.counters.factorisations >= steps
+    assert kept.counters.factorisations < steps / 10
+    exact = problem.exact(4.0)
+    errors = [max(np.abs(s.q[-1] - exact.q).max(), np.abs(s.v[-1] - exact.v).max()) for s in (kept, fresh)]
+    assert errors[0] == pytest.approx(errors[1], rel=1e-6)
+    work = [s.counters.residual_evaluations + MATRIX * s.counters.factorisations for s in (kept, fresh)]
+    assert work[0] < work[1]
+
+
+def test_linear_constant_systems_are_factorised_once():
+    problem = hb.load_problem("oscillator_chain")
+    solution = HHT(problem.system).solve((0.0, 0.1), problem.q0, problem.v0, steps=100)
+    assert solution.counters.factorisations == 1
+    assert solution.counters.jacobian_evaluations == 1

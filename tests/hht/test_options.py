@@ -1,25 +1,21 @@
-"""The options of the integrator: stated once, checked where they are made, the same for HHT and for its specs."""
+"""Options and requests are checked by name before anything is called, the same for HHT and for its specs."""
 
 import warnings
 from dataclasses import fields
 
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
-from hhtbench import load_problem, load_solver
+import hhtbench as hb
+from hhtbench import load_solver
 from hhtbench.errors import ProblemError
-from hhtbench.request import Request
+from hhtbench.protocol import NumpySystem
 from solvers.hht import HHT, HHTOptions
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0
 
 KNOWN = tuple(field.name for field in fields(HHTOptions))
 MAKERS = {"HHT": lambda **o: HHT(JAX_PENDULUM, **o), "spec": lambda **o: load_solver("hht", **o)}
-
-
-@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
-@pytest.mark.parametrize("name", ["alfa", "control", "event", "rtol", "step"])
-def test_an_unknown_option_is_refused_with_the_known_ones(make, name):
-    with pytest.raises(TypeError, match=rf"does not know {name}; known: alpha, rho_inf, .*, engine"):
-        make(**{name: 1})
 
 
 @pytest.mark.parametrize("make", [*MAKERS.values(), HHTOptions], ids=[*MAKERS, "HHTOptions"])
@@ -59,20 +55,16 @@ def test_a_warning_about_b_points_at_the_line_that_gave_it():
     assert [(w.filename, "close to the singular value" in str(w.message)) for w in caught] == [(__file__, True)]
 
 
-def test_a_request_with_an_unknown_option_is_declined_with_the_known_ones():
-    problem = load_problem("jay_negrut_pendulum")
-    reason = load_solver("hht").accepts(problem, Request(step=0.1, options={"control": "chrono"}))
-    assert reason == f"unknown option control; known: {', '.join(KNOWN)}"
+def test_close_to_one_half_the_failure_names_b():
+    with pytest.warns(UserWarning, match="1/2"):
+        solution = HHT(JAX_PENDULUM, b=0.5 + 1e-12).solve((0, 1), Q0, V0, steps=10)
+    assert not solution.success
+    assert "b is close to" in solution.message
 
 
 def test_only_under_error_control_the_default_start_is_trapezoidal():
     assert [HHTOptions().method(controlled=c).start for c in (False, True)] == ["f0", "trapezoidal"]
     assert [HHTOptions(start="shifted").method(controlled=c).start for c in (False, True)] == ["shifted"] * 2
-    hht = HHT(JAX_PENDULUM)
-    hht.init_step(0.0, Q0, V0, step=0.1)
-    assert hht._engine.method.start == "f0"
-    hht.init_step(0.0, Q0, V0, rtol=1e-3)
-    assert hht._engine.method.start == "trapezoidal"
 
 
 def test_help_of_the_solver_names_every_option_and_where_each_is_described():
@@ -81,7 +73,46 @@ def test_help_of_the_solver_names_every_option_and_where_each_is_described():
     assert [name for name in KNOWN if name not in HHTOptions.__doc__] == []
 
 
-def test_reductions_to_do_without_are_one_name_or_several_in_any_order():
-    assert HHTOptions(without="reaction").without == ("reaction",)
-    assert HHTOptions(without=["zeros", "mass", "zeros"]).without == ("mass", "zeros")
-    assert HHTOptions().without == ()
+class Cam(hb.System):
+    """A free mass beside one driven from rest as t^4: v and the acceleration are zero at the start."""
+
+    def force(self, t, q, v):
+        return jnp.zeros(2)
+
+    def constraint(self, t, q):
+        return jnp.stack([q[0] - 1 - t**4])
+
+
+def test_options_in_the_wrong_place_are_refused():
+    with pytest.raises(TypeError, match="when it is made"):
+        HHT(Cam()).solve((0, 1), [1, 0], [0, 0], steps=2, options={"alpha": -0.2})
+    with pytest.raises(TypeError, match="calc_initcond"):
+        HHT(Cam(), calc_initcond=True)
+
+
+BAD_REQUESTS = [
+    ({"steps": 0}, "steps"),
+    ({"steps": -3}, "steps"),
+    ({"steps": 2.5}, "steps"),
+    ({"steps": True}, "steps"),
+    ({"steps": []}, "steps"),
+    ({"steps": [0.5, -0.5, 1.0]}, "steps"),
+    ({"steps": [0.5, 0.6]}, "steps"),
+    ({"steps": [0.5, np.nan]}, "steps"),
+    ({"step": 0.1, "steps": 10}, "step and steps"),
+    ({"step": 0.1, "rtol": 1e-6}, "exclude"),
+    ({"step": 0.1, "max_num_steps": 1.5}, "max_num_steps"),
+    ({"step": 0.1, "max_evaluations": -1}, "max_evaluations"),
+    ({"step": 0.1, "max_seconds": 0.0}, "max_seconds"),
+    ({"step": 0.1, "max_seconds": np.nan}, "max_seconds"),
+]
+
+
+def never(*arguments):
+    raise AssertionError("a callback was called")
+
+
+@pytest.mark.parametrize(("request_", "name"), BAD_REQUESTS, ids=[str(request) for request, _ in BAD_REQUESTS])
+def test_a_bad_request_is_refused_by_name_before_any_callback(request_, name):
+    with pytest.raises((ValueError, TypeError), match=name):
+        HHT(NumpySystem(force=never)).solve((0.0, 1.0), Q0, V0, **request_)

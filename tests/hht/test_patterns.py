@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import hhtbench as hb
 from hhtbench.lowering.caching import Cache
@@ -135,16 +136,6 @@ def test_a_declared_pattern_serves_where_none_can_be_read():
     np.testing.assert_allclose(sparse.lam, full.lam, rtol=0.0, atol=1e-9 * np.abs(full.lam).max())
 
 
-class Wrong(PlanarChain):
-    """A declared pattern lacks an entry."""
-
-    @property
-    def sparsity(self):
-        pattern = JOINTS.copy()
-        pattern[7, 11] = False
-        return {"constraint_jacobian": pattern}
-
-
 class Misnamed(System):
     sparsity = {"force": np.eye(2)}  # noqa: RUF012
 
@@ -156,13 +147,43 @@ class Misshapen(Misnamed):
     sparsity = {"force_q": np.eye(3)}  # noqa: RUF012
 
 
-def test_a_declared_pattern_that_lacks_an_entry_is_refused_with_its_row():
-    assert JOINTS[7, 11]
-    with pytest.raises(hb.ProblemError, match=r"constraint_jacobian.*rows \[7\]"):
-        moved(chain(Wrong), steps=1)
-
-
 @pytest.mark.parametrize(("kind", "text"), [(Misnamed, "force_q"), (Misshapen, r"\(2, 2\)")])
 def test_a_pattern_of_the_wrong_name_or_shape_is_refused(kind, text):
     with pytest.raises(hb.ProblemError, match=text):
         HHT(kind()).solve((0.0, 1.0), jnp.ones(2), jnp.zeros(2), steps=1)
+
+
+def point_on_a_circle(**declared):
+    return hb.NumpySystem(
+        force=lambda t, q, v: np.array([0.0, -9.81]), constraint=lambda t, q: np.array([(q @ q - 1) / 2]), **declared
+    )
+
+
+def patterned(patterns):
+    """A point on a circle as a JAX system that declares ``patterns``."""
+
+    class Patterned(hb.System):
+        sparsity = patterns
+
+        def force(self, t, q, v):
+            return jnp.array([0.0, -9.81])
+
+        def constraint(self, t, q):
+            return (q @ q - 1)[None] / 2
+
+    return Patterned()
+
+
+@pytest.mark.parametrize("kind", [sp.csr_matrix, sp.coo_array])
+def test_a_pattern_may_be_one_of_scipys_matrices_for_jax_systems_too(kind):
+    full, empty = kind(np.ones((1, 2), bool)), kind(np.zeros((2, 2), bool))
+    plain = HHT(point_on_a_circle()).solve((0, 1), [0.6, -0.8], [0, 0], steps=20)
+    system = patterned({"constraint_jacobian": full, "force_q": empty})
+    np.testing.assert_allclose(HHT(system).solve((0, 1), [0.6, -0.8], [0, 0], steps=20).q, plain.q, atol=1e-9)
+    with pytest.raises(hb.ProblemError, match=r"constraint_jacobian.*rows \[0\]"):
+        HHT(patterned({"constraint_jacobian": kind([[True, False]])})).solve((0, 1), [0.6, -0.8], [0, 0], steps=10)
+
+
+def test_patterns_that_are_no_mapping_are_refused_for_jax_systems_too():
+    with pytest.raises(TypeError, match="sparsity must map names"):
+        HHT(patterned(5)).solve((0, 1), [0.6, -0.8], [0, 0], steps=10)

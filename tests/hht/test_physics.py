@@ -1,6 +1,4 @@
-"""Physics extremes: a singular mass, and parts a scene does not have (rows P3 and P14 of the acceptance matrix)."""
-
-from dataclasses import replace
+"""Parts that a scene does not have cost nothing (row P14 of the acceptance matrix), and a mass that becomes singular."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,68 +11,7 @@ from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import NumpySystem, System, parameter
 from hhtbench.result import Status
 from solvers.hht import HHT
-from tests.hht.scenes import ALPHAS, ANGLE, GRAVITY, PENDULUM, Q0, SPEED, V0, Calls, circle, pendulum_at, tension_at
-
-
-class MasslessAngle(System):
-    """The unit pendulum with its angle as a third coordinate that has no mass: M = diag(1, 1, 0)."""
-
-    mass_matrix: object = parameter((1.0, 1.0, 0.0))
-
-    def force(self, t, q, v):
-        return jnp.stack([0.0 * t, -GRAVITY + 0.0 * t, 0.0 * t])
-
-    def constraint(self, t, q):
-        return jnp.stack([q[0] - jnp.sin(q[2]), q[1] + jnp.cos(q[2])])
-
-
-@pytest.mark.parametrize("alpha", ALPHAS)
-def test_a_singular_mass_with_a_regular_kkt_matrix_gives_the_right_motion(alpha):
-    start_q, start_v = [*Q0, ANGLE], [*V0, SPEED]
-    solution = HHT(MasslessAngle(), alpha=alpha).solve((0.0, 1.0), start_q, start_v, steps=4000)
-    assert solution.success, solution.message
-    q, v = pendulum_at(solution.t)
-    assert np.max(np.abs(solution.q[:, :2] - q)) <= 1e-6
-    assert np.max(np.abs(solution.v[:, :2] - v)) <= 1e-6
-    # the rod's pull: lam = S (sin, -cos) of the angle, S the tension m (l omega^2 + g cos)
-    pull = tension_at(solution.q[:, :2], solution.v[:, :2])
-    assert np.max(np.abs(solution.lam - pull[:, None] * solution.q[:, :2])) <= 1e-6
-
-
-def test_a_singular_mass_of_plain_callables_gives_the_right_motion():
-    system = NumpySystem(
-        mass_matrix=[1.0, 1.0, 0.0],
-        force=lambda t, q, v: np.array([0.0, -GRAVITY, 0.0]),
-        constraint=lambda t, q: np.array([q[0] - np.sin(q[2]), q[1] + np.cos(q[2])]),
-        constraint_jacobian=lambda t, q: np.array([[1.0, 0.0, -np.cos(q[2])], [0.0, 1.0, -np.sin(q[2])]]),
-    )
-    solution = HHT(system).solve((0.0, 0.1), [*Q0, ANGLE], [*V0, SPEED], steps=100)
-    assert solution.success, solution.message
-    q, v = pendulum_at(solution.t)
-    assert np.max(np.abs(solution.q[:, :2] - q)) <= 1e-6
-    assert np.max(np.abs(solution.v[:, :2] - v)) <= 1e-6
-
-
-@pytest.mark.parametrize("mass", [[1.0, 0.0], lambda t, q: np.diag([1.0, 0.0])], ids=["constant", "function"])
-def test_a_singular_mass_without_constraints_is_named(mass):
-    system = NumpySystem(mass_matrix=mass, force=lambda t, q, v: np.array([0.0, -GRAVITY]))
-    solution = HHT(system).solve((0.0, 0.1), Q0, V0, step=0.01)
-    assert solution.status is Status.singular_iteration_matrix
-    assert "mass matrix is singular" in solution.message
-
-
-def test_a_singular_mass_of_a_jax_system_without_constraints_is_named_too():
-    """It has no inverse, which must not pass for the identity."""
-
-    class Massless(System):
-        mass_matrix: object = parameter([1.0, 0.0])
-
-        def force(self, t, q, v):
-            return jnp.array([0.0, -GRAVITY])
-
-    solution = HHT(Massless()).solve((0.0, 0.1), Q0, V0, step=0.01)
-    assert solution.status is Status.singular_iteration_matrix
-    assert "mass matrix is singular" in solution.message
+from tests.hht.scenes import GRAVITY, PENDULUM, Q0, V0, Calls, circle
 
 
 def test_a_mass_that_becomes_singular_without_constraints_is_named():
@@ -148,36 +85,6 @@ def test_a_pendulum_calls_no_code_of_velocity_constraints(system, monkeypatch):
     assert HHT(system, alpha=-0.3).solve((0.0, 0.1), Q0, V0, step=0.05).success
 
 
-class Scleronomic(Circle):
-    """A class of its own, so that nothing of it is compiled yet."""
-
-
-def test_a_constraint_that_does_not_depend_on_time_has_no_time_derivative_taken(monkeypatch):
-    forbid(monkeypatch, JaxDynamics, ["constraint_time_derivative"])
-    assert HHT(Scleronomic()).solve((0.0, 0.1), Q0, V0, step=0.05).success
-
-
-TRACES = []
-
-
-class Counted(System):
-    """Notes how its force is read: with plain tracers, or with those that differentiate it."""
-
-    gravity: object = parameter(GRAVITY)
-
-    def force(self, t, q, v):
-        TRACES.append({type(q).__name__, type(v).__name__})
-        return jnp.stack([0.0 * self.gravity, -self.gravity])
-
-
-def test_a_force_without_stiffness_and_friction_is_never_differentiated():
-    TRACES.clear()
-    solution = HHT(Counted()).solve((0.0, 1.0), Q0, V0, step=0.01)
-    assert solution.success
-    assert 3 < len(TRACES) < 20  # its structure, then the functions of the step; nothing per step
-    assert set.union(*TRACES) == {"DynamicJaxprTracer"}
-
-
 def test_what_is_only_measured_is_never_called_and_what_is_called_is_counted():
     calls = Calls()
     declared = {**PENDULUM, "energy": lambda t, q, v: 0.0, "invariants": lambda t, q, v: {}}
@@ -188,26 +95,3 @@ def test_what_is_only_measured_is_never_called_and_what_is_called_is_counted():
     assert calls.count["force_jacobians"] == solution.counters.jacobian_evaluations
     assert solution.counters.newton_iterations >= solution.counters.steps_accepted == 50
     assert solution.counters.factorisations <= solution.counters.jacobian_evaluations
-
-
-def test_differences_of_the_force_are_counted_as_evaluations():
-    calls = Calls()
-    functions = {name: PENDULUM[name] for name in ("force", "constraint", "constraint_jacobian")}
-    solution = HHT(NumpySystem(**calls.wrap(functions))).solve((0.0, 0.5), Q0, V0, step=0.01)
-    assert calls.count["force"] <= solution.counters.residual_evaluations + solution.counters.output_evaluations
-    columns = 4  # two of F_q, two of F_v
-    assert solution.counters.residual_evaluations >= columns * solution.counters.jacobian_evaluations
-
-
-def test_multipliers_that_the_acceleration_level_does_not_determine_are_named(monkeypatch):
-    solve = AccelerationLevel.solve
-
-    def singular_at_the_end(self, t, *arguments):
-        found = solve(self, t, *arguments)
-        return replace(found, lam=0.0 * found.lam, singular=True, converged=False) if t == 0.1 else found
-
-    monkeypatch.setattr(AccelerationLevel, "solve", singular_at_the_end)
-    solution = HHT(HELD).solve((0.0, 0.1), Q0, V0, step=0.01)
-    assert solution.success
-    assert "no multipliers at 1 times, first at t = 0.1" in solution.message
-    assert solution.lam[-1] == solution.steps_data.lam_end[-1] != 0.0

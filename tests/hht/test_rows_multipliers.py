@@ -10,7 +10,6 @@ import hhtbench as hb
 from hhtbench.lowering import derive
 from solvers._start import of_dynamics
 from solvers.hht import HHT
-from solvers.hht.run.blend import StepEnds, blend
 from tests.hht.event_scenes import RESTITUTION, impacts, wall
 from tests.hht.scenes import ANGLE, GRAVITY, Q0, SPEED, SYSTEMS, V0
 from tests.hht.test_friction import SPEED as SPEED_OF_BEAD
@@ -216,15 +215,3 @@ def test_rows_by_machine_code_are_those_by_functions_in_python_in_both_direction
     found.append(HHT(SYSTEMS["jax"], engine="python").solve(span, Q0, V0, steps=20, t_eval=rows).lam)
     for other in found[1:]:
         np.testing.assert_allclose(other, found[0], rtol=1e-11)
-
-
-def test_a_row_beside_an_end_without_multipliers_is_left():
-    steps = StepEnds(np.arange(6.0), np.zeros((6, 2)))
-    rows = np.array([[0.5, 0.0, 0.0, 7.0], [2.5, 0.0, 0.0, 7.0], [4.5, 0.0, 0.0, 7.0]])
-
-    def recover(places, found):
-        places[:, 3] = places[:, 0] ** 2
-        found[:] = np.arange(len(places)) != 4  # an end around the second row
-
-    np.testing.assert_array_equal(blend(rows, steps, recover), [True, False, True])
-    np.testing.assert_allclose(rows[:, 3], [0.25, 7.0, 20.25])

@@ -1,9 +1,6 @@
 """Positions where the constraints lose rank: the right branch, or a status; never silence (row P7)."""
 
-from types import SimpleNamespace
-
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import quad
@@ -13,8 +10,6 @@ import hhtbench as hb
 from hhtbench.result import Status
 from hhtbench.testing.extremes import scenes
 from solvers._start import Failure
-from solvers.hht import run
-from solvers.hht.run import solve
 from solvers.hht.run.stepper import Accepted, Stepper
 from tests.performance import singular
 
@@ -65,8 +60,6 @@ def on_crossing_curves(angle, bent, push):
 
 BARS = hb.load_problem("four_bars(n_windows=3, t_end=1.0)")
 FLAT = brentq(lambda t: BARS.exact(t).q[2], 0.6, 0.8)  # [s]: the first position with horizontal bars
-NARROW = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
-ITS_FLAT = brentq(lambda t: NARROW.exact(t).q[2], 0.6, 0.8)
 
 
 def stop_runs(monkeypatch, edge):
@@ -146,22 +139,6 @@ def test_a_failure_far_from_any_singular_position_keeps_its_own_cause(monkeypatc
 CUSP, _ = quad(lambda x: np.sqrt((1.0 + 2.25 * x) / (5.25 - 2.0 * x)), 0.0, 1.0)  # [s], by the energy
 
 
-class Ray(hb.System):
-    """A bead pushed out along it, whose angle changes ever less with the position; the force jumps at 1e6 m."""
-
-    def force(self, t, q, v):
-        return jnp.where(jnp.sqrt(q @ q) > 1e6, -1e9 * jnp.sign(v @ q) * jnp.ones(2), 2.5 * q)
-
-    def constraint(self, t, q):
-        return jnp.array([jnp.arctan2(q[1], q[0]) - 0.5])
-
-
-def test_a_row_that_only_becomes_small_is_not_the_cause_of_a_failure():
-    along = np.array([np.cos(0.5), np.sin(0.5)])
-    solution = hb.HHT(Ray()).solve((0.0, 10.0), along, along, steps=1_000)
-    assert solution.status is Status.newton_failed, solution.message
-
-
 def test_from_other_phases_every_run_keeps_the_branch_or_names_the_lost_rank():
     """A small part of ``python -m tests.performance.singular``."""
     kinds = singular.counted(1, 4, -0.05) + singular.counted(5, 2, 0.0, (1e-3, 1e-5, 1e-6))
@@ -180,29 +157,9 @@ def test_a_crossing_counts_as_a_step_and_there_are_not_crossings_without_end(fai
     assert less.status is Status.max_steps
 
 
-def test_a_run_that_only_goes_from_one_singular_position_to_the_next_ends(failing, monkeypatch):
-    monkeypatch.setattr(solve, "CROSSED", -1_000)
-    solution = hb.HHT(BARS.system).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=1e-3)
-    assert solution.status is Status.singular_iteration_matrix
-    assert "for example rows" in solution.message
-
-
-def test_the_last_place_that_is_clear_is_before_the_last_fall_and_not_before_an_earlier_one():
-    for fallen in range(36):
-        places = [*[True] * 37, *[False] * 3]
-        places[fallen] = False
-        found = run.singular._last(list(range(40)), places.__getitem__)
-        assert found == 36
-
-
 def test_a_failure_of_constraints_that_always_lean_keeps_its_own_cause(monkeypatch):
     """Their least singular value is 7e-6 all along: nothing is lost there."""
     problem = scenes.leaning([[1.0, 0.0], [1.0, 1e-5]], 2.0)
     stop_runs(monkeypatch, 1.0)
     solution = hb.HHT(problem.system).solve((0.0, 2.0), problem.q0, problem.v0, rtol=1e-3)
     assert (solution.status, solution.message) == (Status.newton_failed, "no step goes on")
-
-
-def test_a_system_whose_looks_take_minutes_is_not_looked_at():
-    large = SimpleNamespace(structure=SimpleNamespace(constrained=True, n=1_000, m=900, p=0))
-    assert run.singular.singular_position(large, None, [], 0.0) is None

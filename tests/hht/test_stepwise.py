@@ -1,22 +1,26 @@
 """Stepping by hand as SUNDIALS offers it: one step, up to a time, never past one, between steps."""
 
-import pickle
 import signal
-import threading
-import time
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem
 from hhtbench.result import Status
 from solvers.hht import HHT, Event
-from solvers.hht.run.stepping import Onward
 from tests.hht.event_scenes import ACCURACY, FREE, begun, clock, height, wall
-from tests.hht.scenes import ALPHAS, PENDULUM, Q0, SYSTEMS, V0, Calls, Pendulum, pendulum, pendulum_at
-from tests.hht.test_reproducible import bits
+from tests.hht.scenes import (
+    ALPHAS,
+    PENDULUM,
+    Q0,
+    SYSTEMS,
+    V0,
+    Pendulum,
+    bits,
+    pendulum,
+    pendulum_at,
+)
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)
@@ -121,25 +125,6 @@ def test_a_change_by_hand_gives_both_sides_of_the_last_step():
     assert solver.occurrences[0].q[0] == pytest.approx(1.0, abs=2e-3)
 
 
-def never(*arguments):
-    raise AssertionError("a callback was called")
-
-
-@pytest.mark.parametrize(
-    ("how", "text"),
-    [
-        ({"step": 0.0}, "step"),
-        ({"step": 0.1, "rtol": 1e-3}, "exclude"),
-        ({"rtol": 0.0}, "rtol"),
-        ({"rtol": -1}, "rtol"),
-    ],
-    ids=str,
-)
-def test_a_start_with_wrong_steps_or_tolerances_is_refused_before_any_callback(how, text):
-    with pytest.raises(hb.ProblemError, match=text):
-        HHT(NumpySystem(force=never)).init_step(0.0, Q0, V0, **how)
-
-
 def test_steps_by_hand_without_a_step_or_tolerances_take_plain_accuracy_and_say_so():
     told, asked = HHT(SYSTEMS["jax"]), HHT(SYSTEMS["jax"])
     assert told.init_step(0.0, Q0, V0) is asked.init_step(0.0, Q0, V0, rtol=1e-4) is Status.success
@@ -200,25 +185,6 @@ def test_a_failed_step_keeps_the_state_and_an_exception_too(accuracy):
     assert solver.step(0.5, "normal") is Status.success
 
 
-def test_without_events_nothing_is_looked_for_by_hand(monkeypatch):
-    monkeypatch.setattr("solvers.hht.control.controller.scan", None)
-    calls = Calls()
-    solver = begun(NumpySystem(**calls.wrap(PENDULUM)), engine="python")
-    solver.step(0.05, "normal")
-    assert solver.counters.event_evaluations == 0
-    assert solver.counters.steps_accepted == 5
-    assert solver.occurrences == ()
-
-
-def test_a_value_that_is_not_finite_in_the_look_at_the_motions_start_is_a_status():
-    """The auxiliary acceleration of a shifted start is looked up before the start, once the first step's length is known."""
-    system = NumpySystem(force=lambda t, q, v: -q if t >= 0.0 else np.nan * q)
-    solver = HHT(system, start="shifted", alpha=-0.2)
-    assert solver.init_step(0.0, [1.0], [0.0], rtol=1e-4) is Status.success
-    assert solver.step() is Status.nonfinite_callback
-    assert "force[0] = nan" in solver.message and solver.state.t == 0.0
-
-
 class Cliff(hb.System):
     """A point that falls, until its force is no number."""
 
@@ -251,24 +217,6 @@ def test_steps_are_the_same_bits_whether_their_states_are_read_or_not(system, ac
     np.testing.assert_array_equal(second.interpolate(start).v, first.interpolate(start).v)
 
 
-@pytest.mark.parametrize("accuracy", ACCURACY)
-def test_a_restart_and_a_copy_see_the_steps_that_nobody_has_read(accuracy):
-    solver, other = (begun(SYSTEMS["jax"], accuracy) for _ in range(2))
-    for _ in range(10):
-        solver.step()
-        other.step()
-        state = other.state
-    copied = pickle.loads(pickle.dumps(solver))
-    assert bits(copied.state) == bits(state)
-    solver.restart(state)
-    other.restart(state)
-    for each in (solver, other, copied):
-        for _ in range(5):
-            assert each.step() is Status.success
-    assert bits(solver.state) == bits(other.state) == bits(copied.state)
-    assert solver.counters == other.counters
-
-
 @pytest.mark.parametrize("accuracy", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
 @pytest.mark.parametrize("h", [0.002, -0.002])
 def test_a_restart_from_the_present_state_takes_its_own_step(accuracy, h):
@@ -281,31 +229,6 @@ def test_a_restart_from_the_present_state_takes_its_own_step(accuracy, h):
     for _ in range(3):
         assert solver.step() is Status.success
     assert solver.state.t == pytest.approx(t + 3 * h, abs=1e-12)
-
-
-def test_a_state_that_another_thread_reads_meanwhile_takes_no_step_back(monkeypatch):
-    """The reader is held up just before it would put down what it has read."""
-    solver, inside, honest = HHT(Pendulum()), threading.Event(), Onward.settled
-    assert solver.init_step(0.0, Q0, V0, step=0.01) is Status.success
-    for _ in range(3):
-        assert solver.step() is Status.success
-    reader = threading.Thread(target=lambda: solver.state)
-
-    def settled(self, integrator):
-        found = honest(self, integrator)
-        if threading.current_thread() is reader:
-            inside.set()
-            time.sleep(0.2)
-        return found
-
-    monkeypatch.setattr(Onward, "settled", settled)
-    reader.start()
-    assert inside.wait(10.0)
-    for _ in range(3):
-        assert solver.step() is Status.success
-    assert solver.state.t == pytest.approx(0.06)
-    reader.join()
-    assert solver.state.t == pytest.approx(0.06)
 
 
 @pytest.mark.parametrize("accuracy", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)

@@ -5,18 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from hhtbench import load_verification
-from hhtbench.result import Status
 from hhtbench.testing.extremes.linkages import DoublePendulum
 from solvers.hht import HHT
 from solvers.hht.verify import weights
-from solvers.hht.verify.measure import Run
 
 CONSTANT = "constant steps"
-
-
-def test_it_is_registered():
-    assert load_verification("b") is weights.verify_b
 
 
 def test_vibrations_grow_above_the_limit_of_each_b_and_not_below_it(monkeypatch):
@@ -53,36 +46,9 @@ def test_of_one_problem_steps_at_equal_error_are_fewer_with_both_kinds_of_steps(
     assert weights.work("simple_pendulum", "error control")["b = 0.2"] < 0.9
 
 
-def test_runs_that_fail_cost_infinitely_much_and_declined_ones_are_a_gap(monkeypatch):
-    outcome = {0.0: (1e-4, Status.success), 0.2: (None, Status.newton_failed), None: (None, Status.declined)}
-
-    def run(name, request, **method):
-        error, status = outcome.get(method.get("b"), (1e-4 / 4.0, Status.success))
-        return Run(name, 1e-3, error, status, 10, 0)
-
-    monkeypatch.setattr(weights, "run", run)
-    found = weights.work("any", CONSTANT)
-    assert (found["b = 0"], found["b = 0.1"], found["b = 0.2"]) == (1.0, 0.5, math.inf)
-    assert math.isnan(found[weights.EXTRAPOLATED])
-
-
-def test_a_problem_whose_error_is_roundoff_or_too_large_has_no_cost(monkeypatch):
-    for error in (1e-15, 1.0, None):
-        monkeypatch.setattr(
-            weights, "run", lambda name, request, error=error, **method: Run(name, 1, error, Status.success, 9, 0)
-        )
-        assert weights.work("any", CONSTANT) == {}
-
-
 @pytest.mark.parametrize(("costs", "passed"), [((0.3, 0.4, 1.1), True), ((0.3, 1.2, math.inf), False)])
 def test_the_median_over_the_library_is_judged(costs, passed):
     found = [dict.fromkeys(weights.METHODS, cost) for cost in costs]
     rows = weights.work_rows(CONSTANT, dict(zip("xyz", found, strict=True)))
     judged = [row for row in rows if row.passed is not None]
     assert [(row.measured, row.passed) for row in judged] == [(sorted(costs)[1], passed)]
-
-
-def test_the_constrained_problems_are_those_with_position_constraints():
-    names = weights.constrained()
-    assert {"simple_pendulum", "arevalo_circle", "driven_coordinate"} <= set(names)
-    assert not {"knife_edge", "fput_chain"} & set(names)

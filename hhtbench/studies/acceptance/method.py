@@ -177,7 +177,7 @@ def bad_alpha(asked: Asked) -> Finding:
 
 @row("M10", "error control in the stiff limit and on a pendulum", "no step grows by more than 1.5")
 def growth(asked: Asked) -> Finding:
-    """Products of matrices and random histories of errors: tests/hht/test_control.py."""
+    """Random histories of errors: tests/hht/test_control.py."""
     worst = 0.0
     for alpha in ALPHAS:
         for system, q0, v0 in ((Rod(), Q0, V0), (Oscillator(stiffness=1e12), [1e-6], [0.0]), (Oscillator(), [1.0], [0.0])):

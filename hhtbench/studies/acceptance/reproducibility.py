@@ -190,7 +190,7 @@ def _interrupted(asked: Asked) -> str:
 def memory(asked: Asked) -> Finding:
     """After fifty of each; a chain of 160 links is 480 coordinates and 320 constraints.  A hundred of each in Python.
 
-    That NaN in the work arrays before a run change no bit is held by tests/hht/test_work_arrays.py.
+    That NaN in the work arrays before a run change no bit is held by tests/hht/test_memory.py.
     """
     rounds = 100 if asked.engine == "python" else 1000
     given = hb.load_problem("planar_chain(n_links=160)")

@@ -1,15 +1,18 @@
-"""What stands in the work arrays before a run reaches no result (row R7 of the acceptance matrix)."""
+"""Memory of solves: what stands in it before a run reaches no result, and what is kept after it is bounded (row R7)."""
 
 import gc
+import weakref
 
 import numpy as np
 import pytest
 
 import hhtbench as hb
-from solvers.hht import Event
+from hhtbench.protocol import NumpySystem, System
+from solvers.hht import HHT, Event
 from solvers.hht.run import idle
 from solvers.hht.run.functions import Functions
 from solvers.hht.run.history import History
+from solvers.hht.run.loops import Loops
 from solvers.kernel import memory as mem
 
 ZEROS = mem.VALUES, mem.ATTEMPT  # where they are entries, and say that nothing was seen
@@ -80,3 +83,36 @@ def test_rows_do_not_wait_for_the_collector_when_a_solve_is_over():
         assert histories() == before
     finally:
         gc.enable()
+
+
+class Free(System):
+    """Mass points that nothing pulls."""
+
+    def force(self, t, q, v):
+        return 0.0 * q
+
+
+@pytest.mark.parametrize("n", [20, 150])
+def test_an_engine_that_is_not_kept_for_later_solves_is_freed_at_once(n, monkeypatch):
+    """Without constraints, by full matrices and by bands: neither Python's cycles nor the callbacks hold its memory."""
+    made = []
+    original = Loops.__init__
+    monkeypatch.setattr(Loops, "__init__", lambda own, *given: made.append(weakref.ref(own)) or original(own, *given))
+    monkeypatch.setattr(idle, "MAX_BYTES", 0)
+    gc.collect()
+    gc.disable()
+    try:
+        for system in (NumpySystem(force=lambda t, q, v: 0.0 * q), Free()):
+            assert HHT(system).solve((0.0, 0.01), np.ones(n), np.zeros(n), step=0.005, t_eval=[0.0, 0.01]).success
+        assert len(made) == 2
+        assert [own() for own in made] == [None, None]
+    finally:
+        gc.enable()
+
+
+def test_engines_for_later_solves_hold_no_more_than_64_megabytes():
+    """One for 400 coordinates has 25."""
+    for _ in range(4):
+        system = NumpySystem(force=lambda t, q, v: 0.0 * q)
+        assert HHT(system).solve((0.0, 0.01), np.ones(400), np.zeros(400), step=0.005, t_eval=[0.0, 0.01]).success
+    assert 20e6 <= sum(engine.nbytes for _, engine in idle._idle) <= 64 * 2**20
