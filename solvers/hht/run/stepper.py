@@ -16,7 +16,6 @@ from solvers._initcond import project
 from solvers._projection import PROJECTED, sizes_from
 from solvers._start import CORRECT, Failure, Place, budget_failure, of_dynamics, violations
 from solvers.hht.control.plan import ByError, Plan
-from solvers.hht.equations.coefficients import NEAR_HALF
 from solvers.hht.equations.formulas import SHORT
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
@@ -295,9 +294,7 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     if ended == mem.SINGULAR:
         return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
     remedy = "take a smaller step" if by_error is None else JUMP
-    if abs(engine.method.coefficients.b - 0.5) < NEAR_HALF:
-        remedy = "b is close to the singular value 1/2, take b = 0"
-    elif leaping := int(numbers[mem.LEAPS]):
+    if leaping := int(numbers[mem.LEAPS]):
         remedy = f"q[{leaping - 1}] leaps to another position that the constraints allow; {remedy}"
     return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")
 
