@@ -23,7 +23,7 @@ INSTEAD = {  # callback -> derivatives that save its differences, the first that
     "velocity_constraint": ("velocity_constraint_jacobian",),
     "reaction": ("reaction_jacobians",),
 }
-MOST = 0.5  # of the time of a solve: differences that take more are said to
+MOST = 0.5  # of a solve's calls of plain callables: a message names differences that take more
 LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
 
 
@@ -42,7 +42,8 @@ class Clock:
     kept: dict[Any, Any] = field(default_factory=dict)  #: derivatives by differences at the last places
     callback: str = ""  #: the last callback of plain callables
     in_difference: bool = False  #: whether callbacks are called for differences
-    differences: dict[str, float] = field(default_factory=dict)  #: the derivative to declare instead -> [s]
+    calls: int = 0  #: of plain callables
+    differences: dict[str, int] = field(default_factory=dict)  #: the derivative to declare instead -> calls of them
 
     def left(self) -> float:
         """Seconds until the limit."""
@@ -62,14 +63,15 @@ class Clock:
             self.passed_in = f", while {what}, {seconds:.2g} s that cannot be interrupted"
 
     def note_of_differences(self) -> str:
-        """Which derivative to declare, if differences took most of the time; else empty."""
-        elapsed = time.perf_counter() - self.started - sum(self.prepared.values())
-        share = sum(self.differences.values()) / elapsed
-        name = max(self.differences, key=self.differences.__getitem__, default="")
-        if not share > MOST or not name:
+        """Which derivative to declare, if differences took most of the calls; else empty.
+
+        Calls are counted, and not their time, so that the same solve has the same message.
+        """
+        taken, name = sum(self.differences.values()), max(self.differences, key=self.differences.__getitem__, default="")
+        if not taken > MOST * self.calls or not name:
             return ""
         call = f"{name}({', '.join(SIGNATURES[name].arguments)})"
-        return f"Differences took {100 * share:.0f} % of the time: declare {call}."
+        return f"Differences took {100 * taken / self.calls:.0f} % of the calls of its functions: declare {call}."
 
     def _note(self) -> str:
         """Where the time went, if much of it went into preparing functions."""
@@ -99,6 +101,7 @@ def note_callback(name: str) -> None:
     if clock is None:
         return
     clock.callback = name
+    clock.calls += 1
     if clock.work is not None and (name == "force" or clock.in_difference):
         clock.work.spend_residual()
     else:
@@ -114,7 +117,7 @@ def kept_of_solve() -> dict[Any, Any]:
 class differencing:
     """``with differencing(gives):`` around the callbacks of one derivative by differences; ``gives``: what is declared.
 
-    Their time counts as that of the derivative whose declaration would save them.
+    Their calls count as those of the derivative whose declaration would save them.
     """
 
     def __init__(self, gives: Callable[[str], bool]) -> None:
@@ -125,7 +128,7 @@ class differencing:
         if clock is not None and (clock.in_difference or clock.work is None):
             self._clock = None  # it is part of another one, or of no motion
         elif clock is not None:
-            clock.in_difference, self._began = True, time.perf_counter()
+            clock.in_difference, self._before = True, clock.calls
 
     def __exit__(self, *_: object) -> None:
         clock = self._clock
@@ -133,7 +136,7 @@ class differencing:
             clock.in_difference = False
             names = INSTEAD.get(clock.callback, ())
             name = next((name for name in names if not self._gives(name)), "")
-            clock.differences[name] = clock.differences.get(name, 0.0) + time.perf_counter() - self._began
+            clock.differences[name] = clock.differences.get(name, 0) + clock.calls - self._before
 
 
 class uncounted:

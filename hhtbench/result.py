@@ -242,7 +242,7 @@ class Solution(Filled):
     def diagnose(self) -> str:
         """The cause of a failed run, looked for now; empty string where none is found, or after a success.
 
-        So it is of a solution that came without its system's functions, as from a pickle.
+        So it is of a solution by another solver, and of one that came without its system's functions, as from a pickle.
         HHT looks for functions that are not deterministic and for vibrations that the last step cannot resolve.
         """
         if self.success or self.diagnosis_of is None:
@@ -256,10 +256,12 @@ class Solution(Filled):
         milliseconds to seconds.  ``doubt`` of what is returned says what speaks against the solution, or is empty; ``draw``
         chooses the rows at which some windows begin.
         """
+        if not self.success:
+            raise ValueError(f"only a success is verified, and this run ended as {self.status.label}: {self.message}")
         if self.judge_of is None:
             raise ValueError(
                 "this solution came without its problem and request, as from a file or a pickle; give them: "
-                "hhtbench.trust.judge.judge(problem, hhtbench.Request(rtol=...), solution)."
+                "from hhtbench.trust.judge import judge; judge(problem, hhtbench.Request(rtol=...), solution)."
             )
         return self.judge_of(self, draw=draw)
 

@@ -66,7 +66,7 @@ def violated(
     Parameters
     ----------
     deep
-        Check up to ``CHECKED_ROWS`` of systems without machine code too.
+        Check up to ``CHECKED_ROWS``, of slow and large systems too.
     clock
         No further row of such a system is checked when its time is over.
     """
@@ -75,7 +75,7 @@ def violated(
         return ""
     at: AtRows = _known.find(by_id(dynamics), lambda: AtRows(dynamics))
     try:
-        t, found = at.levels(problem, believable(request), rows, CHECKED_ROWS if deep else SLOW_ROWS, clock)
+        t, found = at.levels(problem, believable(request), rows, deep, clock)
     except NonFiniteValue as error:
         return f"constraints: {error}."
     for levels in found:
@@ -112,11 +112,11 @@ class AtRows:
                 self._terms = at_rows(native(level_terms, dynamics, shapes=((), (n,), (n,))))
 
     def levels(
-        self, problem: Problem, bound: float, rows: Rows, slow: int, clock: Clock | None
+        self, problem: Problem, bound: float, rows: Rows, deep: bool, clock: Clock | None
     ) -> tuple[Vector, list[Levels]]:
-        """The times of the rows that are checked, and what is not plainly within its bound there."""
-        fast = min(CHECKED_ROWS, max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p))))
-        most = slow if self._terms is None else fast
+        """The times of the rows that are checked, of many more if ``deep``, and what is not plainly within its bound."""
+        few = SLOW_ROWS if self._terms is None else max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p)))
+        most = CHECKED_ROWS if deep else min(CHECKED_ROWS, few)
         if len(rows[0]) > most:
             some = spread(len(rows[0]), most)
             rows = rows[0][some], rows[1][some], rows[2][some]

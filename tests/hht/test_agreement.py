@@ -48,7 +48,7 @@ def both(problem, span=None, options=None, **request):
 
 def assert_bits(compiled, plain):
     """Every step and every count are the same; the multipliers of rows, found after them, to roundoff."""
-    texts = [found.message.partition(" Differences took")[0] for found in (compiled, plain)]  # that goes by the clock
+    texts = [found.message.partition(" Differences took")[0] for found in (compiled, plain)]  # Python calls more
     assert (compiled.status, texts[0]) == (plain.status, texts[1])
     for name in ("t", "q", "v"):
         np.testing.assert_array_equal(getattr(compiled, name), getattr(plain, name), err_msg=name)

@@ -208,6 +208,23 @@ def test_rejected_first_steps_from_rest_are_followed_by_shorter_ones():
     assert solution.steps_data.h[0] < 0.1
 
 
+@pytest.mark.parametrize("options", [{}, {"b": 1.0}, {"alpha": -0.3}], ids=str)
+@pytest.mark.parametrize(
+    ("name", "request_"),
+    [
+        ("flyball_governor", {"rtol": 0.1}),
+        ("simple_pendulum", {"rtol": 1e-3, "atol": 10.0}),
+        ("simple_pendulum", {"atol": 1e4}),
+    ],
+)
+def test_both_levels_hold_to_roundoff_at_tolerances_that_allow_everything(name, request_, options):
+    problem = load_problem(name)
+    solution = hb.solve(problem, hb.load_solver("hht", **options), **request_)
+    drift = solution.drift()
+    assert drift.position.max() < 1e-11
+    assert drift.velocity.max() < 1e-10
+
+
 # --- the other methods of the loop
 
 

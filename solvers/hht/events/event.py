@@ -60,7 +60,7 @@ class Event:
         change by one leads back to the zero of another, as between three bodies that meet together.  A change that turns
         the function back or stops it leaves the motion on the side of the zero from which it came; one that does not lets
         it pass.  Changes that pile up at one time, as those of a ball that comes to rest, end the run with a status: end
-        it there with a terminal event, and go on with a constraint in the place of the contact.
+        it before, by a terminal event of low height and speed, and go on with a constraint in the place of the contact.
     name
         For messages; the function's own name without one.
     samples

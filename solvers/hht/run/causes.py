@@ -27,15 +27,24 @@ from solvers.hht.run.start import make_engine
 from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS, TINY
 
+MAY_HAVE_CAUSE = (
+    Status.newton_failed,
+    Status.step_too_small,
+    Status.max_steps,
+    Status.evaluation_budget,
+    Status.deadline,
+)
 MAX_COORDINATES = 300  # of full matrices that a cause is looked for with: a decomposition takes 10 ms
 CALLS = 5  # of every function
 ROUNDOFFS = 9  # by which arguments of such calls differ at most
 WIDER = 1024.0  # times: values of a smooth function differ so much more where their arguments do
 SMOOTH = 0.01  # of the differences at wider arguments: a smooth function's differences at near arguments are below it
+FELT = 1e-3  # of the tolerance: noise below it is not felt by error control
 ITERATIONS = 30  # of the power iteration: the frequency is then right to some per cent, from below
 DIFFERENCE = EPS ** (1 / 3)  # of the size of q: balances truncation and roundoff of a central difference
 BY_REACTIONS = 0.5  # of omega^2: above this share constraint forces carry the vibration
 RESOLVED = 0.02  # h omega from which steps may be those that a vibration asks for
+FAST = 10.0  # times the rate of the motion: a slower vibration is the motion itself
 STABLE = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
 FOLLOWS = 0.1  # of what forces change v by: where v turns by less, damping or constraints answer to them
 UNRESOLVED = 0.5  # of the largest speed: a larger change of it by forces in one step is not resolved
@@ -44,34 +53,43 @@ VISIBLE = 1e-8  # of q: a speed that moves it by less in a step is not reported
 GROWTH = 1e5  # of an alternating vibration in prescribed steps, from where it began
 
 
-def explained(engine: Engine, failure: Failure, place: State | Place, h: float) -> Failure:
-    """The ``failure`` of a step of ``h`` [s] from ``place``, with its cause where one of those known here is found."""
-    cause = cause_at(engine, failure.status, place, h)
+def explained(engine: Engine, failure: Failure, state: State, h: float, finest: float) -> Failure:
+    """The ``failure`` of a step of ``h`` [s] from ``state``, with its cause where one of those known here is found.
+
+    ``finest``: the least relative tolerance.
+    """
+    cause = cause_at(engine, failure.status, state, h, finest=finest, rate=state.size_v / max(state.size_q, TINY))
     return replace(failure, message=f"{failure.message.removesuffix('.')}. {cause}.") if cause else failure
 
 
-def cause_at(engine: Engine, status: Status, place: State | Place, h: float) -> str:
-    """The cause of a failed step of ``h`` [s] from ``place``; empty string where none is found."""
-    if status not in (Status.newton_failed, Status.step_too_small, Status.max_steps):
+def cause_at(engine: Engine, status: Status, place: State | Place, h: float, *, finest: float, rate: float) -> str:
+    """The cause of a failed step of ``h`` [s] from ``place``; empty string where none is found.
+
+    ``finest``: the least relative tolerance, 0 with prescribed steps; ``rate`` [1/s]: the speed of the motion over its size.
+    """
+    if status not in MAY_HAVE_CAUSE:
         return ""
     with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError), uncounted(), np.errstate(all="ignore"):
-        return noise(engine, place) or vibration(engine, place, h, status)
+        return noise(engine, place, finest) or vibration(engine, place, h, status, rate)
     return ""
 
 
-def diagnosed(system: Any, options: Any, status: Status, place: Place, h: float, *, controlled: bool) -> str:
+def diagnosed(system: Any, options: Any, status: Status, place: Place, h: float, *, finest: float, rate: float) -> str:
     """The cause of the end of a run of HHT with ``status`` at ``place``, for :meth:`~hhtbench.result.Solution.diagnose`."""
-    engine = make_engine(system, options, place, Work(), controlled=controlled)
-    return cause_at(engine, status, place, h)
+    engine = make_engine(system, options, place, Work(), controlled=finest > 0.0)
+    return cause_at(engine, status, place, h, finest=finest, rate=rate)
 
 
-def noise(engine: Engine, state: State | Place) -> str:
-    """Names the functions of a NumPy system whose values differ between calls with equal, or nearly equal, arguments."""
+def noise(engine: Engine, state: State | Place, finest: float) -> str:
+    """Names the functions of a NumPy system whose values differ between calls with equal, or nearly equal, arguments.
+
+    Differences far below the tolerance ``finest`` are no cause.
+    """
     if route_of(engine.dynamics) != "numpy" or engine.structure.n > MAX_COORDINATES:
         return ""
     near, wide = (_spread(engine, state, size) for size in (0.0, 1.0)), _spread(engine, state, WIDER)
     for differences, arguments in zip(near, ("the same arguments", "arguments some roundoffs apart"), strict=True):
-        noisy = {name: x for name, x in differences.items() if x > SMOOTH * wide[name] and x > 0.0}
+        noisy = {name: x for name, x in differences.items() if x > SMOOTH * wide[name] and x > FELT * finest}
         if noisy:
             most = max(noisy.values())
             return (
@@ -119,19 +137,24 @@ def _values(dynamics: Any, arguments: list[Any]) -> dict[str, Any]:
     return {name: call() for name, call in values.items() if declared(dynamics.system, name) is not None}
 
 
-def vibration(engine: Engine, state: State | Place, h: float, status: Status) -> str:
-    """Names the fastest vibration about ``state`` where steps of ``h`` [s] follow it or are unstable for it, (H33)."""
+def vibration(engine: Engine, state: State | Place, h: float, status: Status, rate: float) -> str:
+    """Names the fastest vibration about ``state`` where steps of ``h`` [s] follow it or are unstable for it, (H33).
+
+    One that steps follow is much faster than the motion, whose ``rate`` [1/s] is its speed over its size.
+    """
     if engine.structure.n > MAX_COORDINATES or status is Status.step_too_small:
         return ""
     omega, share = fastest(engine, state)
-    by_reactions = share > BY_REACTIONS
-    if not abs(h) * omega > (STABLE if status is Status.newton_failed else RESOLVED):
+    by_reactions, unstable = share > BY_REACTIONS, status is Status.newton_failed
+    if not abs(h) * omega > (STABLE if unstable else RESOLVED) or not (unstable or omega > FAST * rate):
         return ""
     who = "Constraint forces" if by_reactions else "Forces"
     text = f"{who} carry a vibration of {omega:.3g} rad/s, and h omega is {abs(h) * omega:.2g}"
-    if by_reactions or status is Status.newton_failed:
-        return f"{text}; take {' or '.join(['shorter steps', *(remedies(engine) if by_reactions else [])])}"
-    return f"{text}: if the steps follow it, start in balance, damp it, or loosen the tolerance"
+    options = remedies(engine) if by_reactions else []
+    if unstable:
+        return f"{text}; take {' or '.join(['shorter steps', *options])}"
+    take = [f"take {option}" for option in options] or ["start in balance", "damp it"]
+    return f"{text}: if the steps follow it, {', '.join(take)}, or loosen the tolerance"
 
 
 def remedies(engine: Engine) -> list[str]:
@@ -221,35 +244,40 @@ def unresolved_forces(t: Vector, h: Vector, q: Matrix, v: Matrix, a: Matrix) -> 
     at, step = np.unravel_index(np.argmax(np.where(suspect, changes / np.maximum(largest, TINY), 0.0)), suspect.shape)
     return (
         f"Warning: in the step to t = {t[step + 2]:.10g} forces change v[{at}] by {changes[at, step]:.2g}, and it is "
-        f"{largest[at, 0]:.2g} at most: the steps do not resolve the forces; compare with shorter steps, or with rtol."
+        f"{largest[at, 0]:.2g} at most: the steps do not resolve the forces; compare with shorter steps."
     )
 
 
-def growing_vibration(h: Vector, q: Matrix, v: Matrix) -> str:
-    """Message if a vibration that alternates with prescribed steps has grown by ``GROWTH``; empty string otherwise.
+def alternating_vibration(h: Vector, q: Matrix, v: Matrix) -> tuple[str, bool]:
+    """Message if v alternates with prescribed steps, empty string otherwise; and whether that has grown by ``GROWTH``.
 
     Of ``h`` (k,), ``q, v`` (n, k).
     """
     if h.size < 3 * ALTERNATIONS:
-        return ""
+        return "", False
     with np.errstate(all="ignore"):
         changes, lengths = np.diff(v), np.abs(h[1:])
         bends = np.diff(changes / h[1:]) * np.minimum(lengths[:-1], lengths[1:])
         if not all_finite(bends):
             bends[~np.isfinite(bends)] = 0.0
         sizes, most = np.abs(bends), np.abs(changes).max(axis=1)
-    least = VISIBLE * float(np.abs(q).max()) / float(lengths.max())
-    for at in np.flatnonzero(sizes.max(axis=1) > np.maximum(UNRESOLVED / 2 * most, least)).tolist():
-        end = int(sizes[at].argmax()) + 1
-        roundoff = EPS * float(np.abs(v[at]).max())
-        for lag in (1, 2):  # far beyond (H54) signs change with every second step
-            first = max(end - lag, 0) - _alternations(bends[at, :end], lag)
-            if end - lag - first >= ALTERNATIONS and sizes[at, end - 1] > GROWTH * max(sizes[at, first], roundoff):
-                return (
-                    f"v[{at}] alternates with the steps, and this vibration has grown by more than {GROWTH:.0e}: the steps "
-                    "are unstable for it, (H33) and (H53); take shorter steps of even length, or rtol"
-                )
-    return ""
+        least = VISIBLE * float(np.abs(q).max()) / float(lengths.max())
+        found = ""
+        for at in np.flatnonzero(sizes.max(axis=1) > np.maximum(UNRESOLVED / 2 * most, least)).tolist():
+            end = int(sizes[at].argmax()) + 1
+            roundoff = EPS * float(np.abs(v[at]).max())
+            for lag in (1, 2):  # far beyond (H54) signs change with every second step
+                first = max(end - lag, 0) - _alternations(bends[at, :end], lag)
+                if end - lag - first < ALTERNATIONS:
+                    continue
+                if sizes[at, end - 1] > GROWTH * max(sizes[at, first], roundoff):
+                    text = f"v[{at}] alternates with the steps, and this vibration has grown by more than {GROWTH:.0e}"
+                    remedy = "take shorter steps of even length"
+                    return f"{text}: the steps are unstable for it, (H33) and (H53); {remedy}", True
+                if lag == 1 and not found:
+                    text = f"Warning: v[{at}] alternates from step to step by {sizes[at, end - 1]:.2g}"
+                    found = f"{text}: the steps do not resolve a stiff force; compare with shorter steps."
+    return found, False
 
 
 def _alternations(x: Vector, lag: int) -> int:

@@ -22,7 +22,7 @@ from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import idle
-from solvers.hht.run.causes import diagnosed, explained, growing_vibration, unresolved_forces
+from solvers.hht.run.causes import alternating_vibration, diagnosed, explained, unresolved_forces
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import History, OutputRows
@@ -34,6 +34,7 @@ from solvers.hht.run.stepper import EventState, Stepper
 from solvers.hht.run.stepping import MAX_STEPS
 from solvers.hht.step.state import State
 from solvers.kernel import memory as mem
+from solvers.kernel.numbers import TINY
 
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
@@ -111,7 +112,8 @@ class Integration:
     def _warnings(self, plan: Plan, at_start: float) -> str:
         """Warning if prescribed steps do not resolve forces, or tolerances exceed q, which was ``at_start`` large."""
         if plan.by_error is None:
-            return unresolved_forces(*self.history.forced())
+            forced = self.history.forced()
+            return unresolved_forces(*forced) or alternating_vibration(*forced[1:4])[0]
         if plan.by_error.tolerances.least <= at_start:
             return ""
         return str(plan.by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max())))
@@ -122,9 +124,10 @@ class Integration:
             return {}
         t, q, v = (x[-1] for x in self.history.last(1))
         h = float(self.stepper.engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
-        place, controlled = Place(float(t[0]), q.copy(), v.copy()), self.steps is None
-        asked = partial(diagnosed, self.solver.system, self.solver.options, end.status, place, h, controlled=controlled)
-        return {"diagnosis_of": asked}
+        place, (of_q, of_v) = Place(float(t[0]), q.copy(), v.copy()), np.split(self.history.sizes(), 2)
+        by_error, rate = self.stepper.plan.by_error, float(of_v.max() / max(of_q.max(), TINY))
+        known = {"finest": 0.0 if by_error is None else by_error.tolerances.finest, "rate": rate}
+        return {"diagnosis_of": partial(diagnosed, self.solver.system, self.solver.options, end.status, place, h, **known)}
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
         """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
@@ -144,8 +147,8 @@ class Integration:
         coarse = unresolved(self.history.span, made, ADDS_UP if self.request.rtol is None else self.rtol, elapsed)
         if coarse:
             return Failure(Status.time_resolution, coarse)
-        grown = "" if self.steps is None else growing_vibration(*self.history.forced()[1:4])
-        return Failure(Status.unreliable, grown) if grown else end
+        text, grown = ("", False) if self.steps is None else alternating_vibration(*self.history.forced()[1:4])
+        return Failure(Status.unreliable, text) if grown else end
 
     def _nothing(self, failure: Failure) -> Solution:
         n = self.place.q.size
@@ -168,7 +171,10 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         if most is not None and taken >= most:
             text = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
             ended = Failure(Status.max_steps, text)
-            return ended if max_num_steps else explained(stepper.engine, ended, state, state.h or 0.0)
+            by_error = stepper.plan.by_error
+            if max_num_steps or by_error is None:
+                return ended
+            return explained(stepper.engine, ended, state, state.h or 0.0, by_error.tolerances.finest)
         room = count if most is None else min(count, most - taken)
         began = time.perf_counter()
         accepted = stepper.advance(state, watch, stop, history.room(room))
@@ -208,7 +214,7 @@ def go_beyond(
     position = cause_of(engine, ended, places)
     if isinstance(position, Failure):
         tried = float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
-        return position if by_error is None else explained(engine, position, state, tried)
+        return position if by_error is None else explained(engine, position, state, tried, by_error.tolerances.finest)
     if by_error is None:
         return ends_at(position, "the steps are prescribed")
     if stepper.events:

@@ -31,7 +31,7 @@ from solvers.kernel import memory as mem
 CUTS = 20  # of one step: each finds an earlier event than the last
 JUMP = "look for a jump in the forces, or a wrong derivative"
 RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
-PILED_UP = "end the run there with terminal=True, and go on with a constraint in the place of the contact."
+PILED_UP = "end the run before, by a terminal event of low height and speed, and go on with a constraint in its place."
 MOST_AT_ONCE = 100  # changes by one event at one time, between bodies that meet together
 
 
@@ -293,7 +293,7 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
         return Failure(Status.nonfinite_callback, f"{cause}, {where}")
     if ended == mem.SINGULAR:
         return Failure(Status.singular_iteration_matrix, f"the matrix of the step has a zero pivot, {where}")
-    remedy = "take a smaller step" if by_error is None else JUMP
+    remedy = f"take a smaller step, or {JUMP}" if by_error is None else JUMP
     if leaping := int(numbers[mem.LEAPS]):
         remedy = f"q[{leaping - 1}] leaps to another position that the constraints allow; {remedy}"
     return Failure(Status.newton_failed, f"Newton's iteration did not converge, {where}; {remedy}")

@@ -126,7 +126,7 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
     after = stepper.after_events(accepted)
     status, message = (Status.success, "") if after.ended is None else (after.ended.status, after.ended.message)
     if after.ended is not None and status is not Status.event:
-        ended = _with_cause(stepper.engine, after.ended, before, integrator.last)
+        ended = _with_cause(stepper.engine, after.ended, before, integrator)
         return replace(integrator, message=ended.message), ended.status
     moved = replace(
         integrator,
@@ -139,12 +139,14 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
     return moved, status
 
 
-def _with_cause(engine: Engine, ended: Failure, state: State, last: HermiteOutput) -> Failure:
-    """How stepping has ``ended`` at ``state`` after the ``last`` step, with its cause where that is known."""
+def _with_cause(engine: Engine, ended: Failure, state: State, integrator: IntegratorState) -> Failure:
+    """How stepping has ``ended`` at ``state``, with its cause where that is known."""
+    last, tolerances = integrator.last, integrator.tolerances
     position = cause_of(engine, ended, places_of(last.t[:, None], last.q, last.v))
     if not isinstance(position, Failure):
         return ends_at(position, "steps are made one by one")
-    return explained(engine, position, state, float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
+    tried = float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
+    return explained(engine, position, state, tried, 0.0 if tolerances is None else tolerances.finest)
 
 
 def _horizon(integrator: IntegratorState, goal: Goal) -> float:

@@ -151,8 +151,6 @@ def is_roundoff(z: Any, slot: Any, counts: Any) -> Any:
     room = ROUNDOFFS * EPS * max(number[mem.SIZE_Q], size_q) / h
     if in_q * own[0] <= o[mem.STAGNATION] and in_v <= max(o[mem.STAGNATION] / own[1], room):
         return True
-    if z.i[mem.CONTROLLED] != 0 and share_of_allowed(z, slot) <= o[mem.REMAINING]:
-        return True
     noise = part(z, mem.NOISE)
     for draw in range(DRAWS):
         if spend(z, counts):
