@@ -129,7 +129,7 @@ class NumpyDynamics(Dynamics):
 
     @unless_given
     def constraint_jacobian(self, t: Any, q: Any) -> Any:
-        """g_q (m, n), whose error of 1e-12 is the drift floor."""
+        """g_q (m, n), with an error of 1e-12."""
         return self._kept("constraint_jacobian", super().constraint_jacobian, t, q)
 
     @unless_given
