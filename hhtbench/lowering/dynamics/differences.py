@@ -3,8 +3,8 @@
 First order (one extra point a column) serves where only Newton's convergence depends on it, second-order central for
 reactions, whose relative error of 4e-11 adds to no drift, and fourth-order central where constraints are measured or
 corrected by the derivative: its error is the drift floor, 1e-12 of an entry, and along v some 1e-11 of the fastest
-coordinate.  Second derivatives are differences of the function itself, never of its differences.  ``scipy.differentiate`` is not used: it adapts its step with tens of evaluations per
-entry.
+coordinate.  Second derivatives are differences of the function itself, never of its differences.
+``scipy.differentiate`` is not used: it adapts its step with tens of evaluations per entry.
 """
 
 from __future__ import annotations
