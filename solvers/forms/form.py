@@ -124,7 +124,8 @@ def refusal(name: str, structure: Structure) -> str | None:
     """
     _check_name(name)
     if not structure.constrained and name not in ("index1", "ode"):
-        return f"the form {name} treats constraints and the system has none; take form=index1 (of CVODE, SciPy and diffrax: form=ode)."
+        text = f"the form {name} treats constraints and the system has none"
+        return f"{text}; take form=index1 (of CVODE, SciPy and diffrax: form=ode)."
     if name == "index3" and not structure.m:
         return (
             "the system has velocity constraints only, so its index is 2 and index3 would be index2; take the form index2."
