@@ -27,13 +27,8 @@ from solvers.hht.run.start import make_engine
 from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS, TINY
 
-MAY_HAVE_CAUSE = (
-    Status.newton_failed,
-    Status.step_too_small,
-    Status.max_steps,
-    Status.evaluation_budget,
-    Status.deadline,
-)
+FAILED = Status.newton_failed, Status.step_too_small, Status.max_steps
+SPENT = Status.evaluation_budget, Status.deadline  # budgets of the caller: causes are looked for on request only
 MAX_COORDINATES = 300  # of full matrices that a cause is looked for with: a decomposition takes 10 ms
 CALLS = 5  # of every function
 ROUNDOFFS = 9  # by which arguments of such calls differ at most
@@ -58,6 +53,8 @@ def explained(engine: Engine, failure: Failure, state: State, h: float, finest: 
 
     ``finest``: the least relative tolerance.
     """
+    if failure.status not in FAILED:
+        return failure
     cause = cause_at(engine, failure.status, state, h, finest=finest, rate=state.size_v / max(state.size_q, TINY))
     return replace(failure, message=f"{failure.message.removesuffix('.')}. {cause}.") if cause else failure
 
@@ -67,7 +64,7 @@ def cause_at(engine: Engine, status: Status, place: State | Place, h: float, *, 
 
     ``finest``: the least relative tolerance, 0 with prescribed steps; ``rate`` [1/s]: the speed of the motion over its size.
     """
-    if status not in MAY_HAVE_CAUSE:
+    if status not in (*FAILED, *SPENT):
         return ""
     with suppress(BudgetSpent, NonFiniteValue, ValueError, linalg.LinAlgError), uncounted(), np.errstate(all="ignore"):
         return noise(engine, place, finest) or vibration(engine, place, h, status, rate)
