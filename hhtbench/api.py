@@ -52,7 +52,8 @@ def solve(
         Another interval or start than the problem's; its references and closed solution belong to its own.
     request
         Fields of :class:`~hhtbench.request.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``; with neither
-        tolerances nor steps ``rtol = 1e-4``, which the message says.
+        tolerances nor steps ``rtol = 1e-4``, which the message says.  ``steps=solution`` takes the steps of an earlier
+        solution again: then the result is smooth in the parameters, as fits need it.
 
     Returns
     -------

@@ -124,5 +124,6 @@ def traced(name: str) -> TypeError:
     """What to raise for a value inside ``jax.grad``, ``jax.jit`` or ``jax.vmap``."""
     return TypeError(
         f"{name} is traced by JAX (grad, jit or vmap), and hhtbench integrates numbers: solve is not differentiable yet. "
-        "Call it outside with concrete values; take differences of two solves for a derivative."
+        "Call it outside with concrete values; for a derivative take differences of solves that take the same steps "
+        "(steps=solution, an earlier one)."
     )

@@ -13,6 +13,7 @@ import numpy as np
 from hhtbench.arguments import Vector, check_interval, positive_integer, real_array, real_number, real_vector
 from hhtbench.errors import ProblemError
 from hhtbench.filled import Filled
+from hhtbench.result import Solution
 
 MOST_STEPS = 2**53  # prescribed: floats count so far
 RTOL_FLOOR = 10 * float(np.finfo(np.float64).eps)  # below it roundoff, not the method, decides the error
@@ -26,14 +27,15 @@ class Request(Filled):
     """Tolerances (``rtol, atol``) or steps (``step`` or ``steps``), output times and budgets.
 
     ``step=h`` takes ``N = ceil(span / h)`` equal steps of ``span / N``; ``steps=N`` takes N equal steps;
-    ``steps=array`` takes the given lengths, which must add up to the span.  These three and the tolerances
-    exclude one another.  Budgets count over the whole span.
+    ``steps=array`` takes the given lengths, which must add up to the span; ``steps=solution`` takes those of an earlier
+    :class:`~hhtbench.result.Solution`, so that results are smooth in the parameters.  These and the tolerances exclude
+    one another.  Budgets count over the whole span.
     """
 
     rtol: Any = None  #: relative tolerance: a number, or one per component for solvers that take it so
     atol: Any = None  #: absolute tolerance: a number or one per component
     step: float | None = None  #: constant step [s], positive; its sign follows from the interval
-    steps: int | Vector | None = None  #: number of equal steps, or their lengths [s]
+    steps: Any = None  #: number of equal steps, or their lengths [s]; of a Solution its lengths are stored
     t_eval: Vector | None = None  #: output times [s], sorted along the interval; None: every step
     dense_output: bool = False  #: of libraries, whose ``solution(t)`` costs work at every step; HHT's is always there
     keep_steps: bool = (
@@ -188,6 +190,8 @@ def _seconds(name: str, value: Any) -> float:
 
 
 def _steps(name: str, value: Any) -> int | Vector:
+    if isinstance(value, Solution):
+        return _lengths_of(value)
     if isinstance(value, (int, np.integer)) or np.ndim(value) == 0:
         count = positive_integer(name, value)
         if count > MOST_STEPS:
@@ -195,8 +199,22 @@ def _steps(name: str, value: Any) -> int | Vector:
         return count
     lengths = real_vector(name, value)
     if lengths.size == 0 or np.any(lengths <= 0):
-        raise ProblemError("steps must be a whole number or an array of positive lengths [s].")
+        raise ProblemError("steps must be a whole number, an array of positive lengths [s], or an earlier solution.")
     return lengths
+
+
+def _lengths_of(earlier: Solution) -> Vector:
+    """Lengths of the accepted steps; one that an event has cut is whole again, so that the event may move."""
+    if not earlier.success:
+        raise ProblemError(
+            f"steps must be those of a solution that has succeeded; this one ended with {earlier.status.label}."
+        )
+    if (made := earlier.steps_data) is not None:
+        cut = np.isin(made.t[:-1], np.concatenate(earlier.t_events or ([],)))
+        return np.add.reduceat(np.abs(made.h), np.flatnonzero(np.append(True, ~cut)))
+    if earlier.ends is None:
+        raise ProblemError("steps must be those of a solution that has kept its steps; solve it with keep_steps=True.")
+    return np.abs(np.diff(earlier.ends.t))
 
 
 def _output_times(name: str, value: Any) -> Vector:

@@ -33,7 +33,7 @@ def rk4():
 
 def test_every_page_has_code_that_is_run():
     assert {file.name for file in DOCS.glob("*.md") if "```python" in file.read_text(encoding="utf-8")} == {
-        *("check_a_solver.md", "write_a_solver.md", "write_a_problem.md", "campaigns.md"),
+        *("check_a_solver.md", "write_a_solver.md", "write_a_problem.md", "campaigns.md", "fits.md"),
         "mechanisms.md",  # in tests/mechanics
         "advice.md",  # in tests/advice
     }
@@ -141,6 +141,31 @@ def test_the_mechanism_of_the_page_moves_as_its_equation_in_one_coordinate_says(
 
     angle = solve_ivp(falling, (0.0, 0.4), [1.2, 0.0], rtol=1e-11, atol=1e-12).y[0, -1]
     np.testing.assert_allclose(found.q[-1, 2], angle, atol=1e-5)
+
+
+def test_the_fit_of_the_page_is_the_least_squares_solution_and_finds_the_parameters(capsys):
+    """Gauss and Newton's next step by another model, the rope's angle in the place of the load's position."""
+    scope = run_page("fits.md")
+    x, measured, times = scope["x"], scope["measured"], scope["times"]
+
+    def misfit(p):
+        def moving(t, y):  # trolley and angle, and their rates
+            (trolley, load, rope), (_, angle, speed, rate) = p, y
+            s, c = np.sin(angle), np.cos(angle)
+            mass = [[trolley + load, load * rope * c], [c, rope]]
+            force = [50.0 * np.sin(t) - 10.0 * speed + load * rope * rate**2 * s, -9.81 * s]
+            return [speed, rate, *np.linalg.solve(mass, force)]
+
+        y = solve_ivp(moving, (0.0, 10.0), np.zeros(4), "DOP853", times, rtol=1e-10, atol=1e-11).y
+        return (np.stack([y[0], y[0] + p[2] * np.sin(y[1])], axis=1) - measured).ravel()
+
+    left = misfit(x)
+    slopes = np.stack([(misfit(x + d) - misfit(x - d)) / 2e-3 for d in 1e-3 * np.eye(3)], axis=1)
+    deviations = np.sqrt(np.diag(np.linalg.inv(slopes.T @ slopes)) * (left @ left) / (left.size - 3))
+    further = np.linalg.lstsq(slopes, -left)[0]
+    assert np.max(np.abs(further / deviations)) < 0.05
+    assert np.max(np.abs(x - [20.0, 5.0, 3.7]) / deviations) < 3.0
+    np.testing.assert_allclose(scope["deviations"], deviations, rtol=0.01)
 
 
 def test_the_campaign_of_the_page_reaches_its_errors_and_tells_costs(capsys, monkeypatch, tmp_path):

@@ -88,9 +88,9 @@ class HHT:
         """Integrate over ``tspan = (t0, t1)`` [s] from ``q0, v0`` (n,) with prescribed steps or error control.
 
         ``lam_guess`` (m,) and ``mu_guess`` (p,) pick the root where the reaction is nonlinear.  The other keywords
-        are those of :class:`~hhtbench.request.Request`: ``step`` or ``steps``, or ``rtol`` and ``atol``, which is a
-        number, or (n,) for q and v alike, or (2n,); None takes ``rtol`` times what is typical of the start.  With none of
-        them ``rtol = 1e-4``, which the message says.
+        are those of :class:`~hhtbench.request.Request`: ``step`` or ``steps`` (of an earlier solution, too), or ``rtol``
+        and ``atol``, which is a number, or (n,) for q and v alike, or (2n,); None takes ``rtol`` times what is typical of
+        the start.  With none of them ``rtol = 1e-4``, which the message says.
 
         Returns
         -------
