@@ -3,7 +3,7 @@
 The integration of the underlying ODE drifts off the constraints; here every accepted state is moved back onto both levels,
 by the smallest change in the metric of the mass matrix, as E. Hairer, G. Wanner, Solving Ordinary Differential Equations II,
 Springer 1996, section VII.2, describes.  The steps are SciPy's, by its classes or, where the system's functions are machine
-code, the same in a compiled loop.  A step that the projection moves as only a jump of a prescribed velocity does is made shorter.
+code, the same in a compiled loop; but one that the projection moves as only a jump of a prescribed velocity does is rejected.
 """
 
 from __future__ import annotations
@@ -101,14 +101,10 @@ def _projected_step(run: Run, solver: Any, projection: Onto) -> Vector:
 
 def _moved_far(solver: Any, y: Vector, h: float) -> bool:
     """As :func:`~solvers.explicit.march.moved_far`, of the step to ``solver.y`` and the state ``y`` that it became."""
-    moved, scale, n = (
-        np.abs(y - solver.y),
-        solver.atol + solver.rtol * np.maximum(abs(solver.y_old), abs(solver.y)),
-        y.size // 2,
-    )
-    return bool(
-        np.any(moved > min(FAR, TENTH / solver.rtol) * scale) and np.any(np.maximum(moved[:n], h * moved[n:]) > scale[:n])
-    )
+    moved, n, rtol = np.abs(y - solver.y), y.size // 2, solver.rtol
+    scale = solver.atol + rtol * np.maximum(np.abs(solver.y_old), np.abs(solver.y))
+    far = np.any(moved > min(FAR, TENTH / rtol) * scale)
+    return bool(far and np.any(np.maximum(moved[:n], h * moved[n:]) > scale[:n]))
 
 
 def solver(**options: Any) -> ProjectedSolver:
