@@ -3,7 +3,7 @@
 The integration of the underlying ODE drifts off the constraints; here every accepted state is moved back onto both levels,
 by the smallest change in the metric of the mass matrix, as E. Hairer, G. Wanner, Solving Ordinary Differential Equations II,
 Springer 1996, section VII.2, describes.  The steps are SciPy's, by its classes or, where the system's functions are machine
-code, the same in a compiled loop; but one that the projection moves as only a jump of a prescribed velocity does is rejected.
+code, the same in a compiled loop; but one that the projection moves as only a jump of a given velocity does is rejected.
 """
 
 from __future__ import annotations

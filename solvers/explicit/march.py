@@ -21,7 +21,7 @@ from solvers.kernel.projection import onto_constraints
 from solvers.kernel.sections import address, call, finite, indices, part, put, view, weighted_rms
 
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # of the controller: as SciPy
-FAR, TENTH = 100.0, 0.1  # of tolerances and of the size: at rtol <= 1e-3 no smooth problem of the library is moved by half
+FAR, TENTH = 100.0, 0.1  # of tolerances and of the size: at rtol <= 1e-3 the library's smooth problems reach half of it
 SPACINGS = 10.0  # of floating-point times: what is shorter is no step
 
 called = entries(Path(__file__).with_name("compiled"), *KERNEL, Path(__file__))
