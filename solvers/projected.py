@@ -3,7 +3,7 @@
 The integration of the underlying ODE drifts off the constraints; here every accepted state is moved back onto both levels,
 by the smallest change in the metric of the mass matrix, as E. Hairer, G. Wanner, Solving Ordinary Differential Equations II,
 Springer 1996, section VII.2, describes.  The steps are SciPy's, by its classes or, where the system's functions are machine
-code, the same in a compiled loop.
+code, the same in a compiled loop; but one that the projection moves as only a jump of a given velocity does is rejected.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from hhtbench.result import Status
 from solvers._adapter import choose
 from solvers._projection import PROJECTED, Projection
 from solvers._run import Halt, Run
+from solvers.explicit.march import FAR, SHRINK, SPACINGS, TENTH
 from solvers.explicit.steps import CompiledSteps
 from solvers.explicit.tableaux import CLASSES
 from solvers.scipy_ivp import SciPySolver, _step
@@ -48,10 +49,9 @@ class ProjectedSolver(SciPySolver):
     def _in_python(self, run: Run) -> None:
         """One solver object, stepped to the end, its state replaced by the projected one."""
         projection = Onto(run)
-        solver = self._stepper(run, run.t0, run.start.y, run.t1)
+        solver = self._stepper(run, run.t0, projection.of(run.t0, run.start.y), run.t1)
         while run.unfinished():
-            _step(run, solver)
-            solver.y = projection.of(solver.t, solver.y)
+            solver.y = _projected_step(run, solver, projection)
             solver.f = run.rhs(solver.t, solver.y)
             run.accept(solver.t, solver.y, lambda t: projection.of(t, self._between(run, solver, t)))
 
@@ -76,6 +76,35 @@ class Onto:
         if not np.max(self._projection.levels.at(t, q, v).scaled_position(sizes), initial=0.0) <= PROJECTED:
             raise Halt(Status.newton_failed, f"the projection does not converge at t = {t:.17g}")
         return np.concatenate([q, v])
+
+
+def _projected_step(run: Run, solver: Any, projection: Onto) -> Vector:
+    """The state (2n,) after the next step that the projection does not move far, as the compiled loop makes it."""
+    rejected = False
+    while True:
+        slope = solver.f
+        _step(run, solver)
+        h, failure = abs(solver.t - solver.t_old), None
+        try:
+            y = projection.of(solver.t, solver.y)
+        except Halt as halt:
+            failure = halt
+        if failure is None and not _moved_far(solver, y, h):
+            solver.h_abs = min(solver.h_abs, h) if rejected else solver.h_abs
+            return y
+        solver.t, solver.y, solver.f, solver.status = solver.t_old, solver.y_old, slope, "running"
+        solver.h_abs, rejected = SHRINK * h, True
+        if solver.h_abs < SPACINGS * np.spacing(abs(solver.t)):
+            status = Status.step_too_small
+            raise failure or Halt(status, f"{solver.TOO_SMALL_STEP} {status.text} t = {run.now:.17g} was reached.")
+
+
+def _moved_far(solver: Any, y: Vector, h: float) -> bool:
+    """As :func:`~solvers.explicit.march.moved_far`, of the step to ``solver.y`` and the state ``y`` that it became."""
+    moved, n, rtol = np.abs(y - solver.y), y.size // 2, solver.rtol
+    scale = solver.atol + rtol * np.maximum(np.abs(solver.y_old), np.abs(solver.y))
+    far = np.any(moved > min(FAR, TENTH / rtol) * scale)
+    return bool(far and np.any(np.maximum(moved[:n], h * moved[n:]) > scale[:n]))
 
 
 def solver(**options: Any) -> ProjectedSolver:

@@ -1,7 +1,9 @@
 """The loop over steps of an explicit Runge-Kutta method, compiled: stages, projection, error, control, rows of output.
 
 Steps are SciPy's: its error norms, its controller and its first step, so that both can be compared step by step; the error
-is that of the step before its projection.  Accelerations come from the same machine code as HHT's, by its memory.
+is that of the step before its projection.  Where a prescribed motion has a kink the stages see nothing of it and their error
+is none: there a step is rejected by how far its projection moves it.
+Accelerations come from the same machine code as HHT's, by its memory.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from solvers.kernel.projection import onto_constraints
 from solvers.kernel.sections import address, call, finite, indices, part, put, view, weighted_rms
 
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # of the controller: as SciPy
+FAR, TENTH = 100.0, 0.1  # of tolerances and of the size: at rtol <= 1e-3 the library's smooth problems reach half of it
 SPACINGS = 10.0  # of floating-point times: what is shorter is no step
 
 called = entries(Path(__file__).with_name("compiled"), *KERNEL, Path(__file__))
@@ -38,7 +41,7 @@ class Room(NamedTuple):
     """What a run keeps beside the memory, where RTOL and ATOL are given and the state y = [q; v] is Q and V."""
 
     slopes: FloatMatrix  #: (s + 1, 2n) of the stages and of the end
-    stage: FloatArray  #: (2n,)
+    stage: FloatArray  #: (2n,) at the stages, and at the end before the projection
     end: FloatArray  #: (2n,) of the step that was accepted, while rows inside it are found
     mass: FloatArray  #: (n*n,)
     sizes: FloatArray  #: (2n,) typical ones of q and v, by which violations are measured
@@ -93,6 +96,9 @@ def begin(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
     """The slope at the start and the length of the first step, as section II.4 of Hairer, Norsett, Wanner; how it ended."""
     size, control, scale = o.stage.size, part(z, mem.CONTROL), part(z, mem.WEIGHTS)
     y, rtol, atol, slopes = view(z.w, z.i[2 * mem.Q], size), part(z, mem.RTOL), part(z, mem.ATOL), o.slopes
+    put(part(z, mem.END), 0, y)
+    if projected(z, o, o.times[0]) == mem.CONVERGED:  # what a start may be off is no jump
+        put(y, 0, part(z, mem.END)[:size])
     ended = slope(z, slopes[0], o.times[0], y, counts)
     if ended != mem.CONVERGED:
         return ended
@@ -161,6 +167,8 @@ def controlled(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
         if ended == mem.SPENT:
             return mem.SPENT
         size = error_size(z, k, o, h) if ended == mem.CONVERGED else math.inf
+        if size < 1.0 and moved_far(z, o, h):
+            size = math.inf
         if not size < math.inf:  # NaN too, where squares of the error are no numbers any more
             size = math.inf
         factor = SAFETY * size**k.exponent if size > 0.0 else GROWTH
@@ -179,6 +187,7 @@ def attempt(z: Any, k: Any, o: Any, h: Any, t1: Any, counts: Any) -> Any:
     """How a step of h [s] to the problem's t1 ended; y there and its slope are in END and the last of the slopes."""
     ended = stages(z, k, o, h, counts)
     if ended == mem.CONVERGED:
+        put(o.stage, 0, part(z, mem.END)[: o.stage.size])
         ended = projected(z, o, t1)
     return slope(z, o.slopes[k.b.size], t1, part(z, mem.END), counts) if ended == mem.CONVERGED else ended
 
@@ -258,6 +267,22 @@ def error_size(z: Any, k: Any, o: Any, h: Any) -> Any:
     if a == 0.0 and b == 0.0:
         return 0.0
     return abs(h) * a / math.sqrt((a + 0.01 * b) * scale.size)
+
+
+@compiled
+def moved_far(z: Any, o: Any, h: Any) -> Any:
+    """Whether the projection has moved the step as only a jump of the prescribed motion does, and the step can be shorter.
+
+    That is q or v by more than ``FAR`` tolerances or a ``TENTH`` of its size, and q, or v for the time h, by more than the
+    tolerance of q.  v itself jumps by the impulse however short the step is.
+    """
+    n, end, scale, far, seen = z.i[mem.N], part(z, mem.END), part(z, mem.WEIGHTS), False, False
+    most = min(FAR, TENTH / part(z, mem.RTOL)[0])
+    for j in range(n):
+        dq, dv = abs(end[j] - o.stage[j]), abs(end[n + j] - o.stage[n + j])
+        far = far or dq > most * scale[j] or dv > most * scale[n + j]
+        seen = seen or max(dq, abs(h) * dv) > scale[j]
+    return far and seen
 
 
 @compiled

@@ -8,6 +8,7 @@ from itertools import pairwise
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import hhtbench as hb
 from hhtbench.counting import Clock
@@ -48,6 +49,39 @@ class Swing(System):
 
 def swing(t_span=(0.0, 10.0)):
     return hb.Problem(name="swing", system=Swing(), t_span=t_span, q0=[1.5, 0.2], v0=[0.0, 1.0])
+
+
+TIMES, PLACES = np.array([0.0, 1.0, 2.5, 4.0, 6.0]), np.array([0.0, 0.0, 3.0, 2.0, 2.0])
+
+
+class Table(System):
+    """A load on a rope of 2 m below a trolley whose positions a table gives: its velocity jumps at 1, 2.5 and 4 s."""
+
+    def mass_matrix(self, t, q):
+        return jnp.diag(jnp.array([20.0, 5.0, 5.0]))
+
+    def force(self, t, q, v):
+        return jnp.stack([0.0, 0.0, -5.0 * 9.81])
+
+    def constraint(self, t, q):
+        return jnp.stack([q[0] - jnp.interp(t, TIMES, PLACES), ((q[1] - q[0]) ** 2 + q[2] ** 2 - 4) / 2])
+
+
+def table():
+    return hb.Problem(name="table", system=Table(), t_span=(0.0, 6.0), q0=[0, 0, -2], v0=[0, 0, 0])
+
+
+def end_of_table():
+    """q and v (3,) at 6 s: the rope's angle a'' = -(g / l) sin a from kink to kink, where it jumps by l a' -> -dV cos a.
+
+    The impulse acts on the load along the rope, so that its velocity across it stays.
+    """
+    speeds, angle = np.diff(PLACES) / np.diff(TIMES), np.zeros(2)
+    for before, speed, t0, t1 in zip([0.0, *speeds], speeds, TIMES[:-1], TIMES[1:], strict=False):
+        angle[1] -= (speed - before) * np.cos(angle[0]) / 2
+        angle = solve_ivp(lambda _, y: [y[1], -9.81 / 2 * np.sin(y[0])], (t0, t1), angle, rtol=1e-13, atol=1e-14).y[:, -1]
+    (a, rate), x, v = angle, PLACES[-1], speeds[-1]
+    return np.array([x, x + 2 * np.sin(a), -2 * np.cos(a)]), np.array([v, v + 2 * rate * np.cos(a), 2 * rate * np.sin(a)])
 
 
 def loaded(name):
@@ -180,6 +214,58 @@ def test_both_engines_make_the_same_steps(name):
     np.testing.assert_allclose(compiled.lam[-1], python.lam[-1], rtol=1e-5, atol=1e-6)
 
 
+KINKED = {1e-2: 2e-2, 1e-3: 1.6e-3, 1e-4: 3.5e-4, 1e-6: 7.5e-6, 1e-8: 5e-8, 1e-10: 2.4e-9}  # rtol: error of q and v
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+@pytest.mark.parametrize("rtol", KINKED)
+def test_kinks_of_a_prescribed_motion_are_seen(rtol, engine):
+    found = hb.solve(table(), f"projected(engine={engine})", rtol=rtol)
+    assert found.status is Status.success
+    for x, right in zip((found.q[-1], found.v[-1]), end_of_table(), strict=True):
+        np.testing.assert_allclose(x, right, rtol=0, atol=KINKED[rtol])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_errors_at_kinks_fall_with_the_tolerance_for_every_method(method):
+    q, v = end_of_table()
+    errors = []
+    for rtol in (1e-4, 1e-6, 1e-8):
+        found = hb.solve(table(), f"projected(method={method})", rtol=rtol)
+        errors.append(np.abs(np.concatenate([found.q[-1] - q, found.v[-1] - v])).max())
+    assert np.all(np.array(errors) <= [1e-2, 1e-4, 1e-6]), errors
+
+
+def test_both_engines_reject_the_same_steps_at_kinks():
+    of = replace(table(), v0=np.array([0.0, 0.5, 0.0]))  # of a start at rest the first step hangs on roundoff
+    compiled, python = (hb.solve(of, f"projected(engine={engine})", rtol=1e-6) for engine in ("compiled", "python"))
+    assert compiled.counters.steps_rejected_error > 40
+    assert compiled.t.size == python.t.size
+    np.testing.assert_allclose(compiled.t, python.t, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(compiled.q[-1], python.q[-1], rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_a_jump_of_a_prescribed_position_is_told(engine):
+    class Jump(Table):
+        def constraint(self, t, q):
+            return super().constraint(t, q) - jnp.stack([0.1 * (t > 0.7), 0.0])
+
+    of = hb.Problem(name="jump", system=Jump(), t_span=(0, 2), q0=[0, 0, -2], v0=[0, 0, 0])
+    found = hb.solve(of, f"projected(engine={engine})", rtol=1e-6)
+    assert found.status is Status.step_too_small
+    assert found.t[-1] == pytest.approx(0.7, abs=1e-6)
+
+
+@pytest.mark.parametrize("engine", ["compiled", "python"])
+def test_a_start_that_is_consistent_to_fewer_digits_than_the_tolerance_is_no_kink(engine):
+    of = hb.load_problem("simple_pendulum")
+    found = hb.solve(
+        replace(of, q0=of.q0 * (1 + 4e-9), reference=None), f"projected(engine={engine})", rtol=1e-11, atol=1e-12
+    )
+    assert found.status is Status.success, found.message
+
+
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["swing", "andrews", "mixed"])
 def test_output_times_leave_the_steps_as_they_are_and_rows_are_as_accurate(name, method):
@@ -207,16 +293,17 @@ def test_more_rows_in_one_step_than_a_call_has_room_for_are_all_there():
     assert found.counters.residual_evaluations == free.residual_evaluations
 
 
-def test_the_same_bits_come_out_twice_and_as_plain_python():
-    of = hb.load_problem("planar_chain(n_links=3)")
+@pytest.mark.parametrize(("of", "count"), [(hb.load_problem("planar_chain(n_links=3)"), 4), (table(), 25)])
+def test_the_same_bits_come_out_twice_and_as_plain_python(of, count):
+    """Of the table the first kink and what is rejected before it are among the steps."""
     first, second = (hb.solve(of, "projected", rtol=1e-6) for _ in range(2))
     np.testing.assert_array_equal(np.hstack([first.q, first.v, first.lam]), np.hstack([second.q, second.v, second.lam]))
     rows = []
     for plain in (False, True):
-        steps, kept = CompiledSteps(begun(of, rtol=1e-6), "DOP853"), np.empty((4, 1 + 2 * of.q0.size))
+        steps, kept = CompiledSteps(begun(of, rtol=1e-6), "DOP853"), np.empty((count, 1 + 2 * of.q0.size))
         steps.z.i[mem.EVALUATIONS] = 10**6
         entry = march.function if plain else march
-        assert entry(steps.z, steps.method, steps.room, steps.run.t1, 4, NOTHING, kept) == mem.CONVERGED
+        assert entry(steps.z, steps.method, steps.room, steps.run.t1, count, NOTHING, kept) == mem.CONVERGED
         rows.append(kept)
     np.testing.assert_allclose(rows[0], rows[1], rtol=1e-13, atol=1e-14)
 
