@@ -84,19 +84,15 @@ def _projected_step(run: Run, solver: Any, projection: Onto) -> Vector:
     while True:
         slope = solver.f
         _step(run, solver)
-        h, failure = abs(solver.t - solver.t_old), None
-        try:
-            y = projection.of(solver.t, solver.y)
-        except Halt as halt:
-            failure = halt
-        if failure is None and not _moved_far(solver, y, h):
+        h, y = abs(solver.t - solver.t_old), projection.of(solver.t, solver.y)
+        if not _moved_far(solver, y, h):
             solver.h_abs = min(solver.h_abs, h) if rejected else solver.h_abs
             return y
         solver.t, solver.y, solver.f, solver.status = solver.t_old, solver.y_old, slope, "running"
         solver.h_abs, rejected = SHRINK * h, True
         if solver.h_abs < SPACINGS * np.spacing(abs(solver.t)):
             status = Status.step_too_small
-            raise failure or Halt(status, f"{solver.TOO_SMALL_STEP} {status.text} t = {run.now:.17g} was reached.")
+            raise Halt(status, f"{solver.TOO_SMALL_STEP} {status.text} t = {run.now:.17g} was reached.")
 
 
 def _moved_far(solver: Any, y: Vector, h: float) -> bool:
