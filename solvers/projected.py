@@ -19,7 +19,7 @@ from hhtbench.result import Status
 from solvers._adapter import choose
 from solvers._projection import PROJECTED, Projection
 from solvers._run import Halt, Run
-from solvers.explicit.march import FAR, SHRINK, SPACINGS, TENTH
+from solvers.explicit.march import FAR, NOISE, SHRINK, SPACINGS, TENTH
 from solvers.explicit.steps import CompiledSteps
 from solvers.explicit.tableaux import CLASSES
 from solvers.scipy_ivp import SciPySolver, _step
@@ -99,7 +99,7 @@ def _moved_far(solver: Any, y: Vector, h: float) -> bool:
     """As :func:`~solvers.explicit.march.moved_far`, of the step to ``solver.y`` and the state ``y`` that it became."""
     moved, n, rtol = np.abs(y - solver.y), y.size // 2, solver.rtol
     scale = solver.atol + rtol * np.maximum(np.abs(solver.y_old), np.abs(solver.y))
-    far = np.any(moved > min(FAR, TENTH / rtol) * scale)
+    far = np.any(moved > min(max(FAR, NOISE / rtol), TENTH / rtol) * scale)
     return bool(far and np.any(np.maximum(moved[:n], h * moved[n:]) > scale[:n]))
 
 
