@@ -19,7 +19,7 @@ from hhtbench.result import Status
 from solvers._adapter import choose
 from solvers._projection import PROJECTED, Projection
 from solvers._run import Halt, Run
-from solvers.explicit.march import FAR, SHRINK, SPACINGS, TENTH
+from solvers.explicit.march import FAR, NOISE, SHRINK, SPACINGS, TENTH
 from solvers.explicit.steps import CompiledSteps
 from solvers.explicit.tableaux import CLASSES
 from solvers.scipy_ivp import SciPySolver, _step
@@ -84,26 +84,22 @@ def _projected_step(run: Run, solver: Any, projection: Onto) -> Vector:
     while True:
         slope = solver.f
         _step(run, solver)
-        h, failure = abs(solver.t - solver.t_old), None
-        try:
-            y = projection.of(solver.t, solver.y)
-        except Halt as halt:
-            failure = halt
-        if failure is None and not _moved_far(solver, y, h):
+        h, y = abs(solver.t - solver.t_old), projection.of(solver.t, solver.y)
+        if not _moved_far(solver, y, h):
             solver.h_abs = min(solver.h_abs, h) if rejected else solver.h_abs
             return y
         solver.t, solver.y, solver.f, solver.status = solver.t_old, solver.y_old, slope, "running"
         solver.h_abs, rejected = SHRINK * h, True
         if solver.h_abs < SPACINGS * np.spacing(abs(solver.t)):
             status = Status.step_too_small
-            raise failure or Halt(status, f"{solver.TOO_SMALL_STEP} {status.text} t = {run.now:.17g} was reached.")
+            raise Halt(status, f"{solver.TOO_SMALL_STEP} {status.text} t = {run.now:.17g} was reached.")
 
 
 def _moved_far(solver: Any, y: Vector, h: float) -> bool:
     """As :func:`~solvers.explicit.march.moved_far`, of the step to ``solver.y`` and the state ``y`` that it became."""
     moved, n, rtol = np.abs(y - solver.y), y.size // 2, solver.rtol
     scale = solver.atol + rtol * np.maximum(np.abs(solver.y_old), np.abs(solver.y))
-    far = np.any(moved > min(FAR, TENTH / rtol) * scale)
+    far = np.any(moved > min(max(FAR, NOISE / rtol), TENTH / rtol) * scale)
     return bool(far and np.any(np.maximum(moved[:n], h * moved[n:]) > scale[:n]))
 
 

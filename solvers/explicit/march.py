@@ -22,6 +22,7 @@ from solvers.kernel.sections import address, call, finite, indices, part, put, v
 
 SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # of the controller: as SciPy
 FAR, TENTH = 100.0, 0.1  # of tolerances and of the size: at rtol <= 1e-3 the library's smooth problems reach half of it
+NOISE = 1e-9  # of the size: moves that may be roundoff of constraints whose constants are large
 SPACINGS = 10.0  # of floating-point times: what is shorter is no step
 
 called = entries(Path(__file__).with_name("compiled"), *KERNEL, Path(__file__))
@@ -277,7 +278,8 @@ def moved_far(z: Any, o: Any, h: Any) -> Any:
     tolerance of q.  v itself jumps by the impulse however short the step is.
     """
     n, end, scale, far, seen = z.i[mem.N], part(z, mem.END), part(z, mem.WEIGHTS), False, False
-    most = min(FAR, TENTH / part(z, mem.RTOL)[0])
+    rtol = part(z, mem.RTOL)[0]
+    most = min(max(FAR, NOISE / rtol), TENTH / rtol)
     for j in range(n):
         dq, dv = abs(end[j] - o.stage[j]), abs(end[n + j] - o.stage[n + j])
         far = far or dq > most * scale[j] or dv > most * scale[n + j]
