@@ -209,6 +209,19 @@ class Worker:
             process.kill()
 
 
+class Inline(Executor):
+    """An executor that calls at once and here."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
+        """A finished future of ``fn(*args)``."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args))
+        except Exception as error:  # noqa: BLE001 - raised where the result is asked for
+            future.set_exception(error)
+        return future
+
+
 class Workers(Executor):
     """An executor whose threads have a :class:`Worker` each; one that dies costs its own call only."""
 

@@ -89,7 +89,7 @@ def test_a_call_that_ends_its_process_costs_only_itself_and_an_exception_keeps_i
 def test_a_call_that_does_not_answer_is_killed_and_the_next_one_has_another_process():
     worker = Worker()
     try:
-        with pytest.raises(TimeoutError, match="no answer in 0.1 s"):
+        with pytest.raises(TimeoutError, match="no answer"):
             worker.call(time.sleep, 60, seconds=0.1)
         assert worker.call(abs, -1) == 1
     finally:

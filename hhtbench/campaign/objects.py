@@ -1,0 +1,105 @@
+"""Problems given as objects: a file that holds one names it; what no file names is solved in this process."""
+
+from __future__ import annotations
+
+import gc
+import re
+import sys
+import warnings
+from collections.abc import Callable, Iterable
+from concurrent.futures import Future
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hhtbench.arguments import shown
+from hhtbench.campaign.execute import Limits, WorkerPool
+from hhtbench.campaign.machine import machine_facts
+from hhtbench.campaign.worker import Bench
+from hhtbench.errors import ProblemError
+from hhtbench.filespec import refuse_nested
+from hhtbench.processes import Inline
+from hhtbench.protocol import IMPORTED, Problem
+from hhtbench.specs import canonical, parse_spec
+
+
+@dataclass(frozen=True)
+class Named:
+    """Specs of problems, and the objects that some of them mean in this process alone."""
+
+    specs: tuple[str, ...]
+    held: dict[str, Problem] = field(default_factory=dict)  #: for :func:`hhtbench.registry.holding`
+    note: str = ""  #: what follows for the user
+
+
+def named(problems: Iterable[Any], store: Any) -> Named:
+    """Specs of ``problems``, each a spec or a Problem; a warning and a note where objects are to be solved in this process.
+
+    Raises
+    ------
+    TypeError
+        One is neither.
+    ProblemError
+        Two objects have one name, or ``store`` is to keep rows whose problem no file names.
+    """
+    refuse_nested()
+    specs: list[str] = []
+    held: dict[str, Problem] = {}
+    for problem in problems:
+        if not isinstance(problem, (str, Problem)):
+            raise TypeError(f"a problem must be a spec, as 'my.py:problem', or a hhtbench.Problem; got {shown(problem)}.")
+        spec = problem if isinstance(problem, str) else spec_in_file(problem)
+        if spec is None:
+            spec = re.sub(r"\W+", "_", problem.name) or "problem"
+            if held.setdefault(spec, problem) is not problem:
+                raise ProblemError(f"two different problems are named {problem.name}; give them different names.")
+        specs.append(spec)
+    if not held:
+        return Named(tuple(specs))
+    if store is not None:
+        raise ProblemError(
+            f"the rows of {', '.join(held)} cannot be kept: no imported file holds this Problem, so nothing tells "
+            "whether it has changed; give it as 'my.py:problem', or leave out store."
+        )
+    note = (
+        f"No imported file holds the Problem {', '.join(held)}: all was solved in one process, where nothing ends a solve "
+    )
+    note += "that hangs, and no rows are kept; give it as 'my.py:problem' for worker processes."
+    warnings.warn(note, stacklevel=3)
+    return Named(tuple(specs), held, note)
+
+
+def spec_in_file(problem: Problem) -> str | None:
+    """``my.py:problem`` where an imported file has this very object as a global; None where none has.
+
+    The main module may do anything when it is executed again, and a file that was changed since may hold another problem.
+    """
+    for name, module in list(sys.modules.items()):
+        known = getattr(module, "__dict__", {})
+        places = [key for key, value in known.items() if value is problem]
+        file = Path(known.get("__file__") or "")
+        if not places or name == "__main__" or "." in name or file.suffix != ".py" or not file.is_file():
+            continue
+        if getattr(known.get("__spec__"), "_initializing", False) or file.stat().st_mtime >= IMPORTED:
+            continue
+        near = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
+        try:
+            return canonical(f"{near}:{places[0]}") if parse_spec(f"{near}:{places[0]}").path == str(near) else None
+        except ProblemError:  # a name that no spec can have
+            continue
+    return None
+
+
+class ThisProcess(WorkerPool):
+    """Runs each task at once and here, for problems that no other process can load."""
+
+    def __init__(self) -> None:
+        super().__init__(Limits(jobs=1))
+        self._bench = Bench(lambda phase: None)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """A finished future of ``run_task(task)``."""
+        (task,) = args
+        done = Inline().submit(self._bench.do, asdict(task))
+        gc.unfreeze()  # what a warm-up froze for the rest of a worker's life
+        return Inline().submit(lambda: {"environment": machine_facts(), **done.result()})
