@@ -167,7 +167,7 @@ def trade(
         Wrong use, before anything runs.
     """
     wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
-    found = named([problem], store)
+    found = named([problem], store=store)
     with holding(found.held):
         return _traded(found, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell, progress=progress)
 

@@ -8,6 +8,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from hhtbench.processes import Inline
 from hhtbench.protocol import IMPORTED, Problem
 from hhtbench.specs import canonical, parse_spec
 
+MTIME_ROUNDING = 2.0  # [s]; some file systems store times of change no finer
+
 
 @dataclass(frozen=True)
 class Named:
@@ -32,7 +35,7 @@ class Named:
     note: str = ""  #: what follows for the user
 
 
-def named(problems: Iterable[Any], store: Any) -> Named:
+def named(problems: Iterable[Any], **others: Any) -> Named:
     """Specs of ``problems``, each a spec or a Problem; a warning and a note where objects are to be solved in this process.
 
     Raises
@@ -40,7 +43,7 @@ def named(problems: Iterable[Any], store: Any) -> Named:
     TypeError
         One is neither.
     ProblemError
-        Two objects have one name, or ``store`` is to keep rows whose problem no file names.
+        Two objects have one name, or one of ``others``, that need a problem's file, is given where no file names one.
     """
     refuse_nested()
     specs: list[str] = []
@@ -56,10 +59,10 @@ def named(problems: Iterable[Any], store: Any) -> Named:
         specs.append(spec)
     if not held:
         return Named(tuple(specs))
-    if store is not None:
+    if refused := [name for name, value in others.items() if value is not None]:
         raise ProblemError(
-            f"the rows of {', '.join(held)} cannot be kept: no imported file holds this Problem, so nothing tells "
-            "whether it has changed; give it as 'my.py:problem', or leave out store."
+            f"{refused[0]} needs a problem that a file names, and no imported file holds the Problem {', '.join(held)}; "
+            f"give it as 'my.py:problem', or leave out {refused[0]}."
         )
     note = (
         f"No imported file holds the Problem {', '.join(held)}: all was solved in one process, where nothing ends a solve "
@@ -76,17 +79,16 @@ def spec_in_file(problem: Problem) -> str | None:
     """
     for name, module in list(sys.modules.items()):
         known = getattr(module, "__dict__", {})
-        places = [key for key, value in known.items() if value is problem]
+        places = [key for key, value in list(known.items()) if value is problem]
         file = Path(known.get("__file__") or "")
         if not places or name == "__main__" or "." in name or file.suffix != ".py" or not file.is_file():
             continue
-        if getattr(known.get("__spec__"), "_initializing", False) or file.stat().st_mtime >= IMPORTED:
+        if getattr(known.get("__spec__"), "_initializing", False) or file.stat().st_mtime > IMPORTED - MTIME_ROUNDING:
             continue
         near = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
-        try:
-            return canonical(f"{near}:{places[0]}") if parse_spec(f"{near}:{places[0]}").path == str(near) else None
-        except ProblemError:  # a name that no spec can have
-            continue
+        with suppress(ProblemError):  # a name that no spec can have
+            if parse_spec(spec := f"{near}:{places[0]}").path == str(near):
+                return canonical(spec)
     return None
 
 

@@ -118,7 +118,7 @@ def run(
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise TypeError(f"executor must be a concurrent.futures.Executor; got {executor!r}.")
     jobs = None if jobs is None else positive_integer("jobs", jobs)
-    found = named(problems if isinstance(problems, (list, tuple)) else [problems], store)
+    found = named(problems if isinstance(problems, (list, tuple)) else [problems], store=store, executor=executor)
     with (
         holding(found.held),
         tempfile.TemporaryDirectory() as folder,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -101,8 +102,10 @@ def test_a_problem_object_gives_the_numbers_that_its_file_gives(here):
 
 def test_what_cannot_be_kept_or_told_apart_is_refused(here, tmp_path):
     fall = hb.load_problem("fall.py:fall")
-    with pytest.raises(hb.ProblemError, match="cannot be kept"):
+    with pytest.raises(hb.ProblemError, match="store needs a problem that a file names"):
         hb.trade(fall, store=tmp_path / "runs.sqlite")
+    with ThreadPoolExecutor() as threads, pytest.raises(hb.ProblemError, match="executor needs a problem that a file names"):
+        hb.run(fall, "hht", rtol=[1e-3], executor=threads)
     with pytest.raises(hb.ProblemError, match="two different problems are named fall"):
         hb.run([fall, fall.starting(q0=[2.0])], "hht", rtol=[1e-3])
     with pytest.raises(TypeError, match="a problem must be a spec"):
