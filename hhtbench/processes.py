@@ -40,9 +40,8 @@ OPENBLAS = (
 def one_blas_thread() -> None:
     """Give BLAS one thread, here and in the processes started from here, unless the environment names a number.
 
-    A command has not loaded NumPy yet, and the variables are enough.  They would come too late for the worker of a
-    caller's own pool, which has run the caller's main module, and for pytest: what is loaded is told as well.  A BLAS other
-    than OpenBLAS has only the variables.
+    A command has not loaded NumPy yet, and the variables are enough.  They would come too late for pytest: what is
+    loaded is told as well.  A BLAS other than OpenBLAS has only the variables.
     """
     if any(name in os.environ for name in THREADS):
         return

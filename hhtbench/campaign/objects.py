@@ -51,12 +51,10 @@ def named(problems: Iterable[Any], **others: Any) -> Named:
     for problem in problems:
         if not isinstance(problem, (str, Problem)):
             raise TypeError(f"a problem must be a spec, as 'my.py:problem', or a hhtbench.Problem; got {shown(problem)}.")
-        spec = problem if isinstance(problem, str) else spec_in_file(problem)
-        if spec is None:
-            spec = re.sub(r"\W+", "_", problem.name) or "problem"
-            if held.setdefault(spec, problem) is not problem:
-                raise ProblemError(f"two different problems are named {problem.name}; give them different names.")
+        spec = problem if isinstance(problem, str) else spec_in_file(problem) or re.sub(r"\W+", "_", problem.name) or "own"
         specs.append(spec)
+        if isinstance(problem, Problem) and ".py:" not in spec and held.setdefault(spec, problem) is not problem:
+            raise ProblemError(f"two different problems are named {problem.name}; give them different names.")
     if not held:
         return Named(tuple(specs))
     if refused := [name for name, value in others.items() if value is not None]:
