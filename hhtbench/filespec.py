@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from difflib import get_close_matches
 from pathlib import Path
 from traceback import extract_tb
@@ -14,6 +16,9 @@ from types import ModuleType
 from typing import Any
 
 from hhtbench.errors import NotFoundError, ProblemError
+from hhtbench.processes import WORKER
+
+_EXECUTED: ContextVar[str] = ContextVar("executed", default="")  # the file that is being executed now
 
 
 def load_attribute(path: str, name: str) -> Any:
@@ -35,6 +40,20 @@ def load_attribute(path: str, name: str) -> Any:
     return getattr(module, name)
 
 
+def refuse_nested() -> None:
+    """Raise where a campaign would start from what a campaign loads or calls: a script that names itself has no end.
+
+    Raises
+    ------
+    ProblemError
+        A file is being executed for one of its attributes, or this is a worker process.
+    """
+    file = _EXECUTED.get()
+    if file or WORKER in os.environ:
+        where = f"while {file} is loaded" if file else "in a worker process"
+        raise ProblemError(f'hb.run and hb.trade cannot be called {where}; put the call under `if __name__ == "__main__":`.')
+
+
 def _module(file: Path, shown: str) -> ModuleType:
     """The executed file; the same content is executed once, so that its classes stay the same."""
     try:
@@ -51,7 +70,7 @@ def _module(file: Path, shown: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # before execution, as import does: dataclasses look their module up
     try:
-        with _folder_on_path(file.parent):
+        with _executed_at(file):
             exec(compile(source, str(file), "exec"), module.__dict__)
     except Exception as error:
         del sys.modules[name]
@@ -63,13 +82,14 @@ def _module(file: Path, shown: str) -> ModuleType:
 
 
 @contextmanager
-def _folder_on_path(folder: Path) -> Iterator[None]:
+def _executed_at(file: Path) -> Iterator[None]:
     """The file may import its neighbours; at the end of the path they hide nothing that is installed."""
-    entry = str(folder)
+    entry, token = str(file.parent), _EXECUTED.set(file.name)
     sys.path.append(entry)
     try:
         yield
     finally:
+        _EXECUTED.reset(token)
         sys.path.reverse()
         sys.path.remove(entry)
         sys.path.reverse()

@@ -8,16 +8,27 @@ The number is set once per process and never by a solve: it belongs to all its t
 from __future__ import annotations
 
 import ctypes
+import faulthandler
+import json
 import os
+import pickle
+import signal
+import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
-from multiprocessing import active_children, get_context
+from concurrent.futures import CancelledError, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, Pipe
+from queue import SimpleQueue
+from traceback import format_exc
 from typing import Any
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 LINKED = ("numpy.linalg._umath_linalg", "scipy.linalg.cython_lapack")  # with BLAS: NumPy and SciPy bring a copy each
+START = "import json, sys; sys.path[:] = json.loads(sys.argv[1]); from {} import serve; serve(*map(int, sys.argv[2:]))"
+WORKER = "HHTBENCH_WORKER"  #: environment variable of every worker process and of what it starts
+SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
 OPENBLAS = (
     "scipy_openblas_{}_num_threads64_",
     "scipy_openblas_{}_num_threads",
@@ -29,9 +40,8 @@ OPENBLAS = (
 def one_blas_thread() -> None:
     """Give BLAS one thread, here and in the processes started from here, unless the environment names a number.
 
-    A command has not loaded NumPy yet, and the variables are enough.  They would come too late for the worker of a
-    caller's own pool, which has run the caller's main module, and for pytest: what is loaded is told as well.  A BLAS other
-    than OpenBLAS has only the variables.
+    A command has not loaded NumPy yet, and the variables are enough.  They would come too late for pytest: what is
+    loaded is told as well.  A BLAS other than OpenBLAS has only the variables.
     """
     if any(name in os.environ for name in THREADS):
         return
@@ -47,18 +57,215 @@ def openblas(verb: str) -> Iterator[Callable[..., int]]:
         yield from (getattr(library, name.format(verb)) for name in OPENBLAS if hasattr(library, name.format(verb)))
 
 
+class Process:
+    """A fresh process that runs ``serve(descriptor, parent)`` of a module, at the other end of ``connection``.
+
+    It has nothing of the caller's main module, so that a script needs no ``if __name__ == "__main__"``.  It has a session of
+    its own, so that killing it takes its children along.
+    """
+
+    def __init__(self, module: str) -> None:
+        ours, theirs = Pipe()
+        assert isinstance(ours, Connection) and isinstance(theirs, Connection)  # noqa: S101 - for the type checker
+        self.connection = ours
+        self._stderr = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
+        flags = f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_multi_thread_eigen=false".strip()
+        command = [sys.executable, "-c", START.format(module), json.dumps(sys.path), str(theirs.fileno()), str(os.getpid())]
+        with theirs:
+            self._process = subprocess.Popen(
+                command,
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=self._stderr,
+                env={**os.environ, **dict.fromkeys(THREADS, "1"), "XLA_FLAGS": flags, WORKER: "1"},
+                start_new_session=True,
+            )
+
+    def interrupt(self) -> None:
+        """Send the process and its children the signal that ends them."""
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def kill(self) -> None:
+        """End the process and its children at once."""
+        self.interrupt()
+        self._process.wait()
+        self.connection.close()
+        self._stderr.close()
+
+    def last_words(self) -> str:
+        """How it ended: exit code or signal, and what it wrote on stderr about it."""
+        try:
+            code = self._process.wait(timeout=1.0)  # the pipe closes a moment before the process ends
+        except subprocess.TimeoutExpired:
+            return "the pipe to the worker closed"
+        text = f"exit code {code}"
+        if code < 0:
+            with suppress(ValueError):
+                text = f"signal {signal.Signals(-code).name}"
+        said = self._said()
+        return f"{text}; {said}" if said else text
+
+    def _said(self) -> str:
+        """From faulthandler's report the error and the innermost lines, else the last line."""
+        size = self._stderr.seek(0, os.SEEK_END)
+        self._stderr.seek(max(0, size - 4000))
+        lines = [line.strip() for line in self._stderr.read().decode(errors="replace").splitlines() if line.strip()]
+        fatal = [i for i, line in enumerate(lines) if line.startswith("Fatal Python error")]
+        if fatal:
+            places = [line for line in lines[fatal[-1] :] if line.startswith("File ")]
+            return "; ".join([lines[fatal[-1]], *places[:2]])
+        return lines[-1][:300] if lines else ""
+
+
+def opened(descriptor: int, parent: int) -> Connection:
+    """In a new process: its end of the pipe.  The process ends with ``parent``, and a crash names its line on stderr."""
+    if sys.platform == "linux":  # even while hanging in C; elsewhere the closed pipe has to do
+        ctypes.CDLL(None).prctl(SET_DEATH_SIGNAL, signal.SIGKILL)
+    if os.getppid() != parent:
+        sys.exit(1)
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends the worker from outside; KeyboardInterrupt is a plugin's own
+    faulthandler.enable(all_threads=False)
+    os.set_inheritable(descriptor, False)
+    return Connection(descriptor)
+
+
+def serve(descriptor: int, parent: int) -> None:
+    """In a worker of :func:`worker_processes`: answer calls until the pipe closes."""
+    connection = opened(descriptor, parent)
+    while True:
+        try:
+            call = connection.recv_bytes()
+        except (EOFError, OSError):
+            return
+        connection.send_bytes(_answer(call))
+
+
+def _answer(call: bytes) -> bytes:
+    try:
+        function, arguments = pickle.loads(call)
+        return pickle.dumps((function(*arguments), None))
+    except Exception as error:  # noqa: BLE001 - it is raised where the call came from
+        error.add_note(format_exc())
+        with suppress(Exception):
+            answer = pickle.dumps((None, error))
+            pickle.loads(answer)  # not every exception survives it
+            return answer
+        return pickle.dumps((None, RuntimeError(f"{type(error).__name__}: {error}")))
+
+
+class Worker:
+    """One process at a time that calls functions; where it dies or is killed, another one takes its place."""
+
+    def __init__(self) -> None:
+        self._stopped = False
+        self._process: Process | None = None
+
+    def call(self, function: Callable[..., Any], *arguments: Any, seconds: float | None = None) -> Any:
+        """What ``function(*arguments)`` returns or raises in the process; its module is imported there by name.
+
+        Raises
+        ------
+        TimeoutError
+            It did not answer within ``seconds`` [s]; it was killed.
+        EOFError
+            The process died.
+        CancelledError
+            The worker was stopped.
+        """
+        if self._stopped:
+            raise CancelledError
+        if self._process is None:
+            self._process = Process(__name__)
+        process = self._process
+        try:
+            if self._stopped:  # while the process started
+                raise EOFError
+            process.connection.send_bytes(pickle.dumps((function, arguments)))
+            if not process.connection.poll(seconds):
+                self.end()
+                raise TimeoutError(f"no answer in {seconds:g} s")
+            found, error = pickle.loads(process.connection.recv_bytes())
+        except (EOFError, ConnectionError):
+            words = process.last_words()
+            self.end()
+            raise CancelledError if self._stopped else EOFError(f"its process ended: {words}") from None
+        if error is not None:
+            raise error
+        return found
+
+    def stop(self) -> None:
+        """Kill the process, from another thread; no other one takes its place."""
+        self._stopped, process = True, self._process
+        if process is not None:
+            process.interrupt()
+
+    def end(self) -> None:
+        """Kill the process, if there is one."""
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+
+
+class Inline(Executor):
+    """An executor that calls at once and here."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
+        """A finished future of ``fn(*args)``."""
+        future: Future[Any] = Future()
+        try:
+            future.set_result(fn(*args))
+        except Exception as error:  # noqa: BLE001 - raised where the result is asked for
+            future.set_exception(error)
+        return future
+
+
+class Workers(Executor):
+    """An executor whose threads have a :class:`Worker` each; one that dies costs its own call only."""
+
+    def __init__(self, jobs: int, fresh: bool) -> None:
+        self.workers = [Worker() for _ in range(jobs)]
+        self.threads = ThreadPoolExecutor(jobs)
+        self._fresh = fresh
+        self._idle: SimpleQueue[Worker] = SimpleQueue()
+        for worker in self.workers:
+            self._idle.put(worker)
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
+        """The future of ``fn(*args)``, called in a worker."""
+        return self.lend(lambda worker: worker.call(fn, *args))
+
+    def lend(self, use: Callable[[Worker], Any]) -> Future[Any]:
+        """The future of ``use(worker)``, called in a thread here."""
+        return self.threads.submit(self._lent, use)
+
+    def _lent(self, use: Callable[[Worker], Any]) -> Any:
+        worker = self._idle.get()
+        try:
+            return use(worker)
+        finally:
+            if self._fresh:
+                worker.end()
+            self._idle.put(worker)
+
+
 @contextmanager
-def worker_processes(jobs: int, **options: Any) -> Iterator[ProcessPoolExecutor]:
-    """A pool of ``jobs`` fresh processes: JAX's threads do not survive a fork.
+def worker_processes(jobs: int, *, fresh: bool = False) -> Iterator[Workers]:
+    """A pool of ``jobs`` processes, with ``fresh`` a new one for each call: JAX's threads do not survive a fork.
 
     An exception inside, as an interruption, kills them: what they do and what waits for them is not waited for.
     """
-    others = set(active_children())
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=one_blas_thread, **options) as pool:
-        try:
-            yield pool
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in set(active_children()) - others:
-                process.kill()
-            raise
+    pool = Workers(jobs, fresh)
+    try:
+        with pool.threads:
+            try:
+                yield pool
+            except BaseException:
+                pool.threads.shutdown(wait=False, cancel_futures=True)
+                for worker in pool.workers:
+                    worker.stop()
+                raise
+    finally:
+        for worker in pool.workers:
+            worker.end()

@@ -37,6 +37,7 @@ from __future__ import annotations
 
 import dataclasses
 import inspect
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -69,6 +70,7 @@ def _signature(arguments: str, *results: str) -> Signature:
     return Signature(tuple(arguments.split()), results)
 
 
+IMPORTED = time.time()  #: [s]; a file that was changed later need not be the one that made a Problem
 PHYSICS = {
     "force": _signature("t q v", "n"),
     "mass_matrix": _signature("t q", "nn"),

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from difflib import get_close_matches
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from hhtbench import plugins
@@ -18,6 +21,8 @@ from hhtbench.specs import Spec, parse_spec
 
 Counted = Callable[[str, int, int], None]  #: what is counted, how many are done, how many there are
 Verification = Callable[[Counted | None, int], Evidence]  # (progress, jobs); rows do not depend on jobs
+
+_HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # by name, in this process
 
 THUMBNAILS = "thumbnails"  # folder with drawings, beside the problems
 
@@ -59,11 +64,28 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
         if parameters:
             _refuse_arguments(f"the problem {spec.name}", parameters)
         return spec
+    if is_held(spec):
+        return _HELD.get()[spec]
     found = parse_spec(spec)
     made = _make("problem", found, parameters)
     if not isinstance(made, Problem):
         raise ProblemError(f"{found.target} must be a hhtbench.Problem or return one; got {_kind_of(made)}.")
     return made
+
+
+@contextmanager
+def holding(problems: Mapping[str, Problem]) -> Iterator[None]:
+    """Inside, these names mean these problems, in this process alone and before any other problem of the name."""
+    token = _HELD.set(problems)
+    try:
+        yield
+    finally:
+        _HELD.reset(token)
+
+
+def is_held(name: str) -> bool:
+    """Whether ``name`` means an object that :func:`holding` was given."""
+    return name in _HELD.get()
 
 
 def thumbnail_of(name: str) -> Path | None:

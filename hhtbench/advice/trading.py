@@ -22,13 +22,14 @@ from hhtbench.advice.truth import truth_of
 from hhtbench.advice.verdict import Choice, as_run, choices_of, failure, sentence
 from hhtbench.advice.wish import Wish, listed
 from hhtbench.analysis.fronts import Front
-from hhtbench.arguments import positive_integer, real_number, shown
+from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.asked import refuse_misspelt
 from hhtbench.campaign.campaign import Progress
 from hhtbench.campaign.execute import WorkerPool, machine_limits
+from hhtbench.campaign.objects import Named, ThisProcess, named
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
-from hhtbench.registry import load_problem, load_solver
+from hhtbench.registry import holding, load_problem, load_solver
 from hhtbench.report.words import work
 from hhtbench.request import Request
 from hhtbench.specs import canonical
@@ -117,7 +118,7 @@ class Trade:
 
 
 def trade(
-    problem: str,
+    problem: str | Problem,
     *,
     accuracies: Sequence[float] = ACCURACIES,
     seconds: float = SECONDS,
@@ -134,7 +135,8 @@ def trade(
     Parameters
     ----------
     problem
-        A spec, ``planar_chain(n_links=5)`` or ``my.py:problem``: other processes load it.
+        A spec, ``planar_chain(n_links=5)`` or ``my.py:problem``, or a Problem: where no imported file holds it, all is
+        solved in this process, without ``store``, and a warning says so.
     accuracies
         Errors of q and v to reach, scaled by the problem's scales, largest over the compared times.
     seconds
@@ -165,17 +167,13 @@ def trade(
         Wrong use, before anything runs.
     """
     wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
-    if not isinstance(problem, str):
-        given = f"the Problem {problem.name}" if isinstance(problem, Problem) else shown(problem)
-        raise TypeError(
-            f"trade takes a spec, as text, since other processes load the problem; got {given}. "
-            "Give the name that `hhtbench list` shows, or the file and what makes it, as 'my.py:problem'."
-        )
-    return _traded(problem, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell, progress=progress)
+    found = named([problem], store=store)
+    with holding(found.held):
+        return _traded(found, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell, progress=progress)
 
 
 def _traded(
-    problem: str,
+    found: Named,
     wish: Wish,
     solvers: Sequence[str] | str,
     *,
@@ -189,15 +187,15 @@ def _traded(
     began = time.monotonic()
     if real_number("seconds", seconds) <= 0.0:
         raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
-    loaded, spec = load_problem(problem), canonical(problem)
+    loaded, spec = load_problem(found.specs[0]), canonical(found.specs[0])
     candidates = _named(solvers, loaded) or in_expected_order(loaded, wish)
     limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
     pace = pace_of(began, seconds, progress)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else Path(store)
         plan = campaign_for([spec], candidates, accuracies=wish.accuracies, reference="auto")
-        with Store(file) as rows, WorkerPool(limits) as pool:
-            truth = truth_of(loaded, plan, file, limits.jobs, REFERENCE_SHARE * seconds, tell)
+        with Store(file) as rows, ThisProcess() if found.held else WorkerPool(limits) as pool:
+            truth = truth_of(loaded, plan, file, 0 if found.held else limits.jobs, REFERENCE_SHARE * seconds, tell)
             rounds = Rounds(spec, wish, rows, pool, truth.references, began + LAST_SHARE * seconds, tell, pace)
             rounds.run(candidates)  # without a truth too: what each says tells what is wrong
             rounds.time_again(candidates)
@@ -210,7 +208,7 @@ def _traded(
         fronts=as_run(rounds.standing().fronts),
         left_out=rounds.left_out,
         seconds=time.monotonic() - began,
-        note=loaded.note_on_scales,
+        note=f"{loaded.note_on_scales} {found.note}".strip(),
     )
 
 

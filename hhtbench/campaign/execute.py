@@ -29,6 +29,7 @@ from hhtbench.campaign.process import WorkerProcess
 from hhtbench.campaign.run import MEASURING, WARM_UP
 from hhtbench.campaign.waiting import WaitingTasks
 from hhtbench.errors import ProblemError
+from hhtbench.filespec import refuse_nested
 from hhtbench.result import Status
 
 POLL = 0.05  # s between looks at deadlines and memory
@@ -104,6 +105,7 @@ class WorkerPool(Executor):
     """
 
     def __init__(self, limits: Limits) -> None:
+        refuse_nested()
         self.limits = limits
         self._lock = threading.Lock()
         self._arrived: deque[_Entry] = deque()  # submitted, not yet seen by the thread

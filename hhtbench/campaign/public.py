@@ -16,8 +16,11 @@ from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.campaign import run_campaign
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.files import named_campaign
+from hhtbench.campaign.objects import ThisProcess, named
 from hhtbench.campaign.plan import Campaign, Grid, restrict
 from hhtbench.errors import ProblemError
+from hhtbench.protocol import Problem
+from hhtbench.registry import holding
 from hhtbench.store import RunRow, Store
 
 
@@ -76,7 +79,7 @@ NAMES = ("problem", "solver", "setting", "value", "status", "message", *NUMBERS)
 
 
 def run(
-    problems: Sequence[str] | str = (),
+    problems: Sequence[str | Problem] | str | Problem = (),
     solvers: Sequence[str] | str = (),
     *,
     campaign: str | Campaign | None = None,
@@ -91,7 +94,8 @@ def run(
     Parameters
     ----------
     problems, solvers
-        Specs, one or several; with ``campaign`` those of its own to which it is restricted.
+        Specs, one or several; with ``campaign`` those of its own to which it is restricted.  A problem may be a Problem:
+        where no imported file holds it, all is run in this process, without ``store`` and ``executor``; a warning says so.
     campaign
         A name (quick, full), a file that ends in .toml, or a Campaign.
     store
@@ -114,9 +118,15 @@ def run(
     if executor is not None and not callable(getattr(executor, "submit", None)):
         raise TypeError(f"executor must be a concurrent.futures.Executor; got {executor!r}.")
     jobs = None if jobs is None else positive_integer("jobs", jobs)
-    chosen = _campaign(_specs("problems", problems), _specs("solvers", solvers), campaign, fields)
-    with tempfile.TemporaryDirectory() as folder, Store(Path(folder) / "runs.sqlite" if store is None else store) as rows:
-        done = run_campaign(chosen, rows, limits=machine_limits(jobs), timing=timing, executor=executor)
+    found = named(problems if isinstance(problems, (list, tuple)) else [problems], store=store, executor=executor)
+    with (
+        holding(found.held),
+        tempfile.TemporaryDirectory() as folder,
+        Store(Path(folder) / "runs.sqlite" if store is None else store) as rows,
+    ):
+        chosen = _campaign(found.specs, _solvers(solvers), campaign, fields)
+        pool = ThisProcess() if found.held else executor
+        done = run_campaign(chosen, rows, limits=machine_limits(jobs), timing=timing, executor=pool)
     return Runs(done.rows)
 
 
@@ -145,10 +155,10 @@ def _check_accuracies(given: tuple[Any, ...]) -> None:
         raise ProblemError(f"accuracies must be errors between 0 and 1, at least one; got {list(given)}.")
 
 
-def _specs(name: str, given: Sequence[str] | str) -> tuple[str, ...]:
+def _solvers(given: Sequence[str] | str) -> tuple[str, ...]:
     some = (given,) if isinstance(given, str) else given
     if not isinstance(some, (list, tuple)) or not all(isinstance(text, str) for text in some):
-        raise TypeError(f"{name} must be specs, as text, since other processes load them; got {given!r}.")
+        raise TypeError(f"solvers must be specs, as text, since other processes load them; got {given!r}.")
     return tuple(some)
 
 

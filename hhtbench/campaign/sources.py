@@ -13,6 +13,7 @@ from pathlib import Path
 
 from hhtbench import plugins
 from hhtbench.packages import locations, own_folders
+from hhtbench.registry import is_held
 from hhtbench.specs import Spec
 
 NUMERICS = ("hhtbench.campaign.run",)  #: what turns problem and solver into numbers; its imports are followed
@@ -87,6 +88,8 @@ class SourceReader:
         if spec.path is not None:
             file = Path(spec.path).expanduser()
             return _Module(spec.path, file, file.parent) if file.is_file() else None
+        if kind == "problem" and is_held(spec.name):
+            return None
         if (kind, spec.name) not in self._starts:  # finding a name reads all distributions, 20 ms
             self._starts[kind, spec.name] = self._module(plugins.find(kind, spec.name).module)
         return self._starts[kind, spec.name]

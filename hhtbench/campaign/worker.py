@@ -2,39 +2,29 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
-import faulthandler
 import json
 import os
 import resource
-import signal
-import sys
 import zlib
 from dataclasses import replace
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from hhtbench.campaign.clock import time_cell
-from hhtbench.campaign.run import of_plugins, run_cell, status_of, text_of
+from hhtbench.campaign.run import Phase, of_plugins, run_cell, status_of, text_of
 from hhtbench.errors import ProblemError
+from hhtbench.processes import opened
 from hhtbench.protocol import Problem, Solver
 from hhtbench.reference import reference_of
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.result import Status
 
-SET_DEATH_SIGNAL = 1  # PR_SET_PDEATHSIG of prctl(2)
-
 
 def serve(descriptor: int, parent: int) -> None:
     """Answer tasks until the pipe closes; ``parent`` is the process that must be alive."""
-    _end_with(parent)
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # it ends the worker from outside; KeyboardInterrupt is a plugin's own
-    faulthandler.enable(all_threads=False)  # a crash names its line on stderr
-    os.set_inheritable(descriptor, False)
-    connection = Connection(descriptor)
-    bench = _Bench(connection)
+    connection = opened(descriptor, parent)
+    bench = Bench(lambda phase: connection.send_bytes(json.dumps({"phase": phase}).encode()))
     connection.send_bytes(json.dumps({"ready": True}).encode())
     while True:
         try:
@@ -53,11 +43,11 @@ def _worn() -> bool:
         return error.errno == errno.EMFILE
 
 
-class _Bench:
-    """Problems, solvers and compiled code that stay between the tasks of one worker."""
+class Bench:
+    """Problems, solvers and compiled code that stay between the tasks of one process."""
 
-    def __init__(self, connection: Connection) -> None:
-        self._connection = connection
+    def __init__(self, tell: Phase) -> None:
+        self._tell = tell
         self._problems: dict[tuple[str, str | None], Problem] = {}
         self._solvers: dict[str, Solver] = {}
         self._warm: dict[tuple[str, str], dict[str, float]] = {}
@@ -72,7 +62,7 @@ class _Bench:
             return {"status": status_of(error).label, "message": text_of(error)}
 
     def _do(self, task: dict[str, Any]) -> dict[str, Any]:
-        self._phase("loading")
+        self._tell("loading")
         names = task["problem"], task["solver"]
         try:
             certificate = task["request"].get("reference_file")
@@ -88,18 +78,7 @@ class _Bench:
         problem, solver = self._problems[names[0], certificate], self._solvers[names[1]]
         warm = self._warm.setdefault(names, {})
         if task["repeats"]:
-            return time_cell(problem, solver, task["request"], "s" in warm, self._phase)
+            return time_cell(problem, solver, task["request"], "s" in warm, self._tell)
         asked = {name: task["request"].get(name) for name in ("rtol", "atol", "step", "steps")}
         draw = zlib.crc32(json.dumps([*names, asked]).encode())  # of what is in the cell's key, without the sources
-        return run_cell(problem, solver, task["request"], warm, self._phase, draw)
-
-    def _phase(self, name: str) -> None:
-        self._connection.send_bytes(json.dumps({"phase": name}).encode())
-
-
-def _end_with(parent: int) -> None:
-    """Die with the parent, even while hanging in C; where the system has no such signal the closed pipe has to do."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(SET_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() != parent:
-        sys.exit(1)
+        return run_cell(problem, solver, task["request"], warm, self._tell, draw)

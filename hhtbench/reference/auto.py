@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.errors import ProblemError
-from hhtbench.processes import worker_processes
+from hhtbench.processes import Inline, worker_processes
 from hhtbench.reference.certify import certify
 from hhtbench.reference.files import read_certificate, write_certificate
 from hhtbench.reference.plan import Entry
@@ -37,14 +37,15 @@ def certified(
 ) -> tuple[dict[str, Path], dict[str, str]]:
     """For every problem of ``specs`` (spec -> digest of what it rests on) its file in ``folder``, and why others have none.
 
-    Problems with a closed solution or a reference of their own are left out.  A solve may take ``seconds`` [s].
+    Problems with a closed solution or a reference of their own are left out.  A solve may take ``seconds`` [s].  With 0
+    ``jobs`` all is solved in this process.
     """
     files = {spec: file_of(digest, folder) for spec, digest in specs.items()}
     missing = [spec for spec, file in files.items() if not file.is_file()]
     refused: dict[str, str] = {}
     if missing:
         folder.mkdir(parents=True, exist_ok=True)
-        with worker_processes(min(jobs, len(missing))) as pool:
+        with worker_processes(min(jobs, len(missing))) if jobs else Inline() as pool:
             waiting: dict[Future[str], str] = {
                 pool.submit(certify_one, spec, files[spec], seconds): spec for spec in missing
             }

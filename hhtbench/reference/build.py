@@ -18,7 +18,7 @@ def build(entries: Sequence[Entry], folder: Path, jobs: int, told: Lines | Bar) 
     """Write the certificates of ``entries`` into ``folder``; what became of each, as plain values."""
     folder.mkdir(parents=True, exist_ok=True)
     built: list[dict[str, Any]] = []
-    with worker_processes(jobs, max_tasks_per_child=1) as pool:
+    with worker_processes(jobs, fresh=True) as pool:
         waiting = {pool.submit(certify, entry): entry for entry in entries}
         told.advance("references", 0, len(waiting))
         for done in as_completed(waiting):

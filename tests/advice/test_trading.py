@@ -125,8 +125,8 @@ def test_the_command_prints_draws_and_writes(prices, tmp_path: Path):
         ("fall", {"seconds": 0.0}, hb.ProblemError, "seconds must be above 0"),
         ("fall", {"drift": -1.0}, hb.ProblemError, "drift must be above 0"),
         ("fall", {"on": "memory"}, hb.ProblemError, "time or evaluations"),
-        (3, {}, TypeError, "takes a spec, .* got 3"),
-        (OWN, {}, TypeError, r"got the Problem own\. Give the name .* 'my\.py:problem'\.$"),
+        (3, {}, TypeError, "must be a spec, .* got 3"),
+        (OWN, {"store": "runs.sqlite"}, hb.ProblemError, "store needs .* no imported file .* 'my.py:problem'"),
     ],
 )
 def test_wrong_use_is_refused_before_anything_runs(prices, problem, asked, error, text):

@@ -12,7 +12,7 @@ import scipy.linalg  # noqa: F401 - the BLAS libraries that are loaded are count
 from hhtbench import processes
 from hhtbench.campaign.process import WorkerProcess
 from hhtbench.filespec import load_attribute
-from hhtbench.processes import THREADS, one_blas_thread, openblas, worker_processes
+from hhtbench.processes import THREADS, Worker, one_blas_thread, openblas, worker_processes
 
 TELLING = """
 from pathlib import Path
@@ -24,15 +24,12 @@ THREADS = [get() for get in openblas("get")]
 Path(__file__).with_name("told").write_text(str(THREADS))
 """
 POOL = """
-import numpy, scipy.linalg  # before the pool's initializer runs: the worker runs this file first
+import numpy, scipy.linalg
+from hhtbench.filespec import load_attribute
 from hhtbench.processes import openblas, worker_processes
 
-def told():
-    return [get() for get in openblas("get")]
-
-if __name__ == "__main__":
-    with worker_processes(1) as pool:
-        print(pool.submit(told).result())
+with worker_processes(1) as pool:
+    print(pool.submit(load_attribute, {!r}, "THREADS").result())
 """
 ONE = [1 for _ in openblas("get")]
 
@@ -70,11 +67,33 @@ def test_a_pool_of_processes_has_one_and_its_parent_keeps_its_own(telling):
     assert not set(THREADS) & set(os.environ)
 
 
-def test_the_worker_of_a_script_that_loads_numpy_itself_has_one(telling):
+def test_the_worker_of_a_script_without_a_guard_has_one_and_runs_nothing_of_the_script(telling):
     script = telling.with_name("script.py")
-    script.write_text(POOL)
+    script.write_text(POOL.format(str(telling)))
     done = subprocess.run([sys.executable, script], check=True, capture_output=True, text=True)
     assert done.stdout.strip() == str(ONE)
+
+
+def test_a_call_that_ends_its_process_costs_only_itself_and_an_exception_keeps_its_class():
+    with worker_processes(1) as pool:
+        calls = [pool.submit(*call) for call in ((os._exit, 7), (int, "x"), (os.getpid,), (os.getpid,))]
+        with pytest.raises(EOFError, match="its process ended: exit code 7"):
+            calls[0].result()
+        with pytest.raises(ValueError, match="invalid literal"):
+            calls[1].result()
+        assert calls[2].result() == calls[3].result() != os.getpid()
+    with worker_processes(1, fresh=True) as pool:
+        assert pool.submit(os.getpid).result() != pool.submit(os.getpid).result()
+
+
+def test_a_call_that_does_not_answer_is_killed_and_the_next_one_has_another_process():
+    worker = Worker()
+    try:
+        with pytest.raises(TimeoutError, match="no answer"):
+            worker.call(time.sleep, 60, seconds=0.1)
+        assert worker.call(abs, -1) == 1
+    finally:
+        worker.end()
 
 
 @pytest.mark.parametrize("chosen", [{"OMP_NUM_THREADS": "2"}, {"OPENBLAS_NUM_THREADS": "4"}, {}])

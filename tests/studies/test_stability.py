@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhtbench import api
+from hhtbench import api, processes
 from hhtbench.report import STABILITY
 from hhtbench.report.atlas import failure_atlas
 from hhtbench.store.rows import RunRow
@@ -21,7 +21,7 @@ from hhtbench.studies.stability.newton import efforts
 from hhtbench.studies.stability.page import stability_page, write_stability
 from hhtbench.studies.stability.study import Stability, letters, study_stability
 from hhtbench.studies.stability.tables import STEP, allowed, markdown
-from hhtbench.studies.stability.workers import Batch, Measured, Worker
+from hhtbench.studies.stability.workers import Batch, Measured, outcome_in
 from hhtbench.testing import Kind as CheckKind
 from hhtbench.testing import check_solver
 from hhtbench.testing.extremes import linkages, modes, recurrence, scenes, servos
@@ -246,11 +246,11 @@ def test_an_exception_is_a_crash():
 
 
 def test_a_solver_that_hangs_or_dies_costs_one_cell(monkeypatch):
-    worker = Worker()
+    worker = processes.Worker()
     try:
-        for name, words, overdue in (("Sleeping", "killed", 4.0), ("Dying", "ended with 7", 100.0)):
+        for name, words, overdue in (("Sleeping", "killed", 4.0), ("Dying", "ended: exit code 7", 100.0)):
             monkeypatch.setattr(workers, "OVERDUE", overdue)
-            found = worker.measure(Batch(f"{LIARS}:{name}", "stiffness", 0, (0,)), 0, 0.0)
+            found = outcome_in(worker, Batch(f"{LIARS}:{name}", "stiffness", 0, (0,)), 0, 0.0)
             assert found.kind is Kind.crashed and words in found.message
     finally:
         worker.end()
