@@ -40,8 +40,8 @@ OPENBLAS = (
 def one_blas_thread() -> None:
     """Give BLAS one thread, here and in the processes started from here, unless the environment names a number.
 
-    A command has not loaded NumPy yet, and the variables are enough.  They would come too late for pytest: what is
-    loaded is told as well.  A BLAS other than OpenBLAS has only the variables.
+    A command has not loaded NumPy yet, and the variables are enough.  They would come too late for pytest: a
+    library that is loaded is set as well.  A BLAS other than OpenBLAS has only the variables.
     """
     if any(name in os.environ for name in THREADS):
         return

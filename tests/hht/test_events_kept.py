@@ -112,7 +112,8 @@ def test_a_ball_dropped_into_a_wedge_passes_neither_wall(how, half_angle):
     solution = HHT(falls, events=walls).solve((0.0, 1.0), [0.0, 1.0], [0.0, 0.0], **how)
     assert solution.success or "pile up" in solution.message
     assert min((solution.q @ n).min() for n in normals) > -1e-14
-    assert len(solution.t_events[0]) >= 2 if half_angle < 40.0 else True
+    least = 2 if half_angle < 40.0 else 1
+    assert max(found.size for found in solution.t_events) >= least
 
 
 @pytest.mark.parametrize("how", HOW, ids=str)

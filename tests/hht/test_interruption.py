@@ -1,4 +1,4 @@
-"""Interrupts and exceptions reach the caller, and a later step meets nothing of what they have ended."""
+"""Interrupts and exceptions reach the caller, and later steps are those of a run without them."""
 
 import signal
 

@@ -194,7 +194,7 @@ def tension_at(times):
 @pytest.mark.parametrize("route", SYSTEMS)
 @pytest.mark.parametrize("how", [{"step": 0.02}, {"rtol": 1e-5}], ids=str)
 def test_rows_beside_a_change_of_state_know_nothing_of_its_other_side(route, how):
-    """The tension falls at once by half of what the speed makes of it.  The row at the impact is that after the change."""
+    """The impact halves the part of the tension that comes from the speed.  The row at the impact is the one after it."""
     solver, (_, hit) = HHT(SYSTEMS[route], events=wall()), tension_at(np.zeros(1))
     end = impacts(2)[0][1] - 0.01
     found = solver.solve((0.0, end), Q0, V0, **how)
