@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import weakref
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hhtbench.lowering.dynamics.foreign import Callbacks
-from solvers.hht.run.leaps import leaping
+from solvers.hht.run.leaps import Stepped, leaping
 from solvers.kernel.kkt import acceleration_level
-
-if TYPE_CHECKING:
-    from solvers.hht.run.engine import Engine
 
 Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parameters, by name
 
 
-def python_codes(engine: Engine, callbacks: Callbacks) -> Codes:
+def python_codes(engine: Stepped, callbacks: Callbacks) -> Codes:
     """Addresses of functions in Python for ``engine``, where others may take their place.
 
     The callbacks of a system's functions outlive the engine, whose memory they must not keep.

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import Any, Protocol
 
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.counting import uncounted
+from hhtbench.counting import Work, uncounted
 from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.lowering import Dynamics, Structure
 from solvers._projection import Projection
-
-if TYPE_CHECKING:
-    from solvers.hht.run.engine import Engine
 
 FREE = 0.1  # of a displacement: what constraints leave free of more may be a motion that steps do not resolve
 ALONG, TOWARDS = 6, 8  # places that constraints lead to with v from the start of a step, and from there towards its end
@@ -21,7 +19,22 @@ PART = 0.25  # of the way left, from one of the latter to the next
 THERE = 0.5  # of the displacement, at most, that may be left of the way
 
 
-def leaping(engine: Engine, state: Vector, x: Vector, q1: Vector, step: Vector) -> Vector:
+class Stepped(Protocol):
+    """What the loops ask of the engine that owns them."""
+
+    dynamics: Dynamics
+    structure: Structure
+    acceleration: Any
+    bare_force: Any
+    functions: Any
+    work: Work
+    points: int
+    method: Any
+    control: Any
+    plain: bool
+
+
+def leaping(engine: Stepped, state: Vector, x: Vector, q1: Vector, step: Vector) -> Vector:
     """Displacements (n,) of a step that lead to another branch of the constraints; zero for all others.
 
     All are zero where constraints leave most of the displacement free, or have lost rank.
@@ -50,7 +63,7 @@ def leaping(engine: Engine, state: Vector, x: Vector, q1: Vector, step: Vector) 
     return np.where(far & (np.abs(_missing(engine, t, q, v, t1, q1)) > THERE * np.abs(x)), held, 0.0)
 
 
-def _missing(engine: Engine, t: float, q: Vector, v: Vector, t1: float, q1: Vector) -> Vector:
+def _missing(engine: Stepped, t: float, q: Vector, v: Vector, t1: float, q1: Vector) -> Vector:
     """What is left of the way to q1 (n,) where constraints lead q with v from t to t1, and then towards q1, bit by bit.
 
     Of that what they hold at its end: along what they leave free the way is not the motion's.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from itertools import compress
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.known import Layout
 from solvers.hht.events.event import Event, EventFunctions
 from solvers.hht.run.in_python import Codes, python_codes
+from solvers.hht.run.leaps import Stepped
 from solvers.hht.run.march import march, remake
 from solvers.hht.step.attempt import LEAP
 from solvers.hht.step.state import ControlMemory, Factorised, State
@@ -28,9 +29,6 @@ from solvers.kernel import memory as mem
 from solvers.kernel.acceleration import start
 from solvers.kernel.kkt import GOOD_START
 from solvers.kernel.memory import HIGHEST, Memory, integer_view, view
-
-if TYPE_CHECKING:
-    from solvers.hht.run.engine import Engine
 
 UNLIMITED = 2**62
 OF_STATE = {  # arrays of a State, and of its ControlMemory, with their sections of the memory
@@ -46,7 +44,7 @@ OF_CONTROL = {
 class Loops:
     """The loops over steps with the functions of ``engine``, which look at the functions of ``events`` in every step."""
 
-    def __init__(self, engine: Engine, events: Sequence[Event]) -> None:
+    def __init__(self, engine: Stepped, events: Sequence[Event]) -> None:
         self.functions, self.work = engine.functions, engine.work
         self._points, method, functions = engine.points, engine.method, engine.functions
         self.callbacks = functions.callbacks or Callbacks()
