@@ -14,7 +14,8 @@ from hhtbench.output import json_option, require_folder, write_json
 from hhtbench.progress import progress
 
 if TYPE_CHECKING:
-    from hhtbench.studies.stability.workers import Batch, Measured
+    from hhtbench.conformance.entry import Outcome
+    from hhtbench.conformance.stability.workers import Batch
 
 
 @click.command("stability")
@@ -40,21 +41,21 @@ def stability_command(
 ) -> None:
     """Measure solvers along every axis of the extremes: arrived rightly, ended early, out of budget, silently wrong.
 
-    A letter a cell, along the parameter: r right, n ended early with a status, b out of budget, t wrong and told so by the
-    message, W silently wrong, C crashed or hung, - declined.
+    A letter a cell, along the parameter: r right, n ended early with a status, b out of budget, m wrong with a message that
+    names the cause, W silently wrong, C crashed, H hung, - declined.
     For example: hhtbench study stability --only stiffness --solver hht --solver ida
     """
     with ends_at_once():
-        from hhtbench.studies.stability.newton import efforts
-        from hhtbench.studies.stability.page import write_stability
-        from hhtbench.studies.stability.study import study_stability
-        from hhtbench.studies.stability.tables import markdown
+        from hhtbench.conformance.stability.newton import efforts
+        from hhtbench.conformance.stability.page import write_stability
+        from hhtbench.conformance.stability.study import study_stability
+        from hhtbench.conformance.stability.tables import markdown
 
     for file in (out, json_file):
         require_folder(file)
     with progress() as told:
 
-        def tell(batch: Batch, measured: Sequence[Measured]) -> None:
+        def tell(batch: Batch, measured: Sequence[Outcome]) -> None:
             told.show(_shown(batch, measured))
 
         found = study_stability(only, solvers, seed=seed, jobs=jobs, small=small, tell=tell, progress=told.advance)
@@ -70,11 +71,11 @@ def stability_command(
     write_json({**found.as_dict(), "newton": [asdict(effort) for effort in efforts(found)]}, json_file)
 
 
-def _shown(batch: Batch, measured: Sequence[Measured]) -> str:
+def _shown(batch: Batch, measured: Sequence[Outcome]) -> str:
     """One batch as letters."""
-    from hhtbench.studies.stability.study import letters
+    from hhtbench.conformance.stability.study import letters
 
-    seconds = sum(x.outcome.seconds for x in measured)
-    lines = [f"{batch.axis}, {batch.solver} [{seconds:.0f} s]"]
+    seconds = sum(x.seconds for x in measured)
+    lines = [f"{batch.family}, {batch.solver} [{seconds:.0f} s]"]
     lines += [f"    {text} {line}" for line, text in letters(measured)[batch.solver].items()]
     return "\n".join(lines)

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 
 import hhtbench
+from hhtbench.conformance import Check, check_problem, check_solver
+from hhtbench.conformance.scenes import SCENES
 from hhtbench.processes import one_blas_thread
-from hhtbench.testing import Check, check_problem, check_solver
-from hhtbench.testing.scenes import SCENES
 from tests.faults.loops import STALE, follow_the_sources
 from tests.testing.claims import claims_of
 

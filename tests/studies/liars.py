@@ -9,8 +9,8 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 import hhtbench as hb
-from hhtbench.testing.extremes.scenes import FAST, FIRST, SECOND, SLOW, on_circle
-from hhtbench.testing.scenes.pendulum import PERIOD
+from hhtbench.conformance.scenes.circles import FAST, FIRST, SECOND, SLOW, on_circle
+from hhtbench.conformance.scenes.pendulum import PERIOD
 
 
 class Straight:

@@ -11,23 +11,22 @@ import numpy as np
 import pytest
 
 from hhtbench import api, processes
+from hhtbench.conformance import Kind as CheckKind
+from hhtbench.conformance import check_solver
+from hhtbench.conformance.cell import Kind, Outcome, measure
+from hhtbench.conformance.families import AXES, chosen_axes, linkages, modes, recurrence, scenes, servos
+from hhtbench.conformance.families.quaternions import turning
+from hhtbench.conformance.stability import study, workers
+from hhtbench.conformance.stability.closed_forms import FORMS, measure_closed_forms
+from hhtbench.conformance.stability.newton import efforts
+from hhtbench.conformance.stability.page import stability_page, write_stability
+from hhtbench.conformance.stability.study import Stability, letters, study_stability
+from hhtbench.conformance.stability.tables import STEP, allowed, markdown
+from hhtbench.conformance.stability.workers import Batch, Measured, outcome_in
 from hhtbench.report import STABILITY
 from hhtbench.report.atlas import failure_atlas
 from hhtbench.store.rows import RunRow
 from hhtbench.studies.acceptance.method import MATRIX
-from hhtbench.studies.stability import study, workers
-from hhtbench.studies.stability.closed_forms import FORMS, measure_closed_forms
-from hhtbench.studies.stability.newton import efforts
-from hhtbench.studies.stability.page import stability_page, write_stability
-from hhtbench.studies.stability.study import Stability, letters, study_stability
-from hhtbench.studies.stability.tables import STEP, allowed, markdown
-from hhtbench.studies.stability.workers import Batch, Measured, outcome_in
-from hhtbench.testing import Kind as CheckKind
-from hhtbench.testing import check_solver
-from hhtbench.testing.extremes import linkages, modes, recurrence, scenes, servos
-from hhtbench.testing.extremes.cell import Kind, Outcome, measure
-from hhtbench.testing.extremes.quaternions import turning
-from hhtbench.testing.extremes.table import AXES, chosen_axes
 from solvers.hht.verify.damping import roots
 from tests.studies.liars import (
     Across,

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.testing import agreement, assert_solvers_agree
-from hhtbench.testing.scenes.pendulum import pendulum
+from hhtbench.conformance import agreement, assert_solvers_agree
+from hhtbench.conformance.scenes.pendulum import pendulum
 from tests.testing.liars import Larger
 
 UNKNOWN = replace(pendulum().problem, exact=None)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import pytest
 
 import hhtbench as hb
-from hhtbench.testing import Check, Kind, assert_solver_converges, check_problem, check_solver, parametrize_with_checks
+from hhtbench.conformance import Check, Kind, assert_solver_converges, check_problem, check_solver, parametrize_with_checks
 from tests.testing.liars import Straight
 
 
@@ -61,9 +61,7 @@ def test_every_check_of_a_solver_has_a_claim_that_is_a_sentence():
 
 
 def test_nothing_here_imports_pytest_unless_it_is_used():
-    code = (
-        "import sys; from hhtbench.testing import check_solver; list(check_solver('hht')); sys.exit('pytest' in sys.modules)"
-    )
+    code = "import sys; from hhtbench.conformance import check_solver; list(check_solver('hht')); sys.exit('pytest' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

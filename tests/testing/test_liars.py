@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hhtbench.testing import Kind, check_solver
+from hhtbench.conformance import Kind, check_solver
 from tests.testing.liars import LIARS, Honest
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from hhtbench.testing import check_names, check_solver
-from hhtbench.testing.parametrize import as_parameter
+from hhtbench.conformance import check_names, check_solver
+from hhtbench.conformance.parametrize import as_parameter
 from tests.testing.claims import CLAIMS, claims_of
 
 SLOW = ("diffrax", "collocation")  # `python -m tests.faults --sound` holds them to the checks

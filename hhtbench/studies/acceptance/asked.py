@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import hhtbench as hb
-from hhtbench.testing.subject import Declined
+from hhtbench.conformance.subject import Declined
 
 ALPHAS = (0.0, -0.3)
 SECONDS = 20.0  # of one solve: a row ends

@@ -10,14 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.conformance.scenes.circles import Oscillator
+from hhtbench.conformance.scenes.linkages import DoublePendulum
+from hhtbench.conformance.scenes.moving_circle import moving_circle
+from hhtbench.conformance.scenes.oscillator import oscillator
+from hhtbench.conformance.scenes.velocity_rows import screw, skate
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.rows import Finding, every, row
 from hhtbench.studies.acceptance.scenes import PENDULUM, SPAN, off, problem
-from hhtbench.testing.extremes.linkages import DoublePendulum
-from hhtbench.testing.extremes.scenes import Oscillator
-from hhtbench.testing.scenes.moving_circle import moving_circle
-from hhtbench.testing.scenes.oscillator import oscillator
-from hhtbench.testing.scenes.velocity_rows import screw, skate
 
 MOVING = (PENDULUM, moving_circle(), skate(), screw())  # position, moving, velocity, both kinds of constraints
 FORCED = oscillator()

@@ -10,10 +10,10 @@ import numpy as np
 
 import hhtbench as hb
 from hhtbench.arguments import Matrix
+from hhtbench.conformance.subject import Declined
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
 from hhtbench.studies.acceptance.scenes import Q0, V0, Rod, apart, ends, plane, problem, refuses
-from hhtbench.testing.subject import Declined
 
 STIFFNESS = np.array([[3e4, 1e4], [-2e4, 5e4]])  # not symmetric: its transpose is another matrix [1/s^2]
 DAMPING = np.array([[3.0, 1.0], [-2.0, 5.0]])  # [1/s]

@@ -8,11 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum_angles
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.callbacks import FUNCTIONS
 from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
 from hhtbench.studies.acceptance.scenes import Q0, V0, Rod, apart, ends, plane, problem
-from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum_angles
 
 STATUS = hb.Status
 

@@ -10,10 +10,10 @@ import numpy as np
 
 import hhtbench as hb
 from hhtbench.arguments import Matrix
+from hhtbench.conformance.scenes.circles import Oscillator
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
 from hhtbench.studies.acceptance.scenes import PLAIN, Q0, V0, Rod, refuses
-from hhtbench.testing.extremes.scenes import Oscillator
 
 EVERY_ALPHA = (0.0, -0.05, -0.15, -0.3, -1.0 / 3.0)
 FREQUENCIES = (0.1, 1.0, 10.0, 1e3, 1e8)  # times the step

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.conformance.subject import Declined
 from hhtbench.studies.acceptance.asked import Asked
 from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
 from hhtbench.studies.acceptance.scenes import PENDULUM, Q0, V0, Rod, apart, ends, never, over, problem, refuses
-from hhtbench.testing.subject import Declined
 
 UNCALLED = hb.NumpySystem(force=never, constraint=never)
 STATUS = hb.Status

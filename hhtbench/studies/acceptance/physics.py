@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.conformance.scenes.pendulum import Frame, pendulum
+from hhtbench.conformance.subject import Declined
 from hhtbench.studies.acceptance.asked import ALPHAS, Asked
 from hhtbench.studies.acceptance.callbacks import FUNCTIONS
 from hhtbench.studies.acceptance.rows import Finding, every, row
 from hhtbench.studies.acceptance.scenes import Q0, V0, Rod, ends, over, plane, problem
-from hhtbench.testing.scenes.pendulum import Frame, pendulum
-from hhtbench.testing.subject import Declined
 
 STATUS = hb.Status
 

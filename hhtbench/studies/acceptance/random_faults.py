@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.conformance.subject import Declined
 from hhtbench.lowering import CONSISTENT
 from hhtbench.studies.acceptance.asked import Asked
 from hhtbench.studies.acceptance.callbacks import PLACES, spoiled
@@ -18,7 +19,6 @@ from hhtbench.studies.acceptance.linear_algebra_events import WRONG_JACOBIANS, c
 from hhtbench.studies.acceptance.rows import Finding, every, row
 from hhtbench.studies.acceptance.scenes import Q0, V0, Rod, ends, plane, problem
 from hhtbench.studies.acceptance.side_effects import raising, spoiling
-from hhtbench.testing.subject import Declined
 
 STATUS = hb.Status
 FINE = 1e-5  # tolerances below which differences may not suffice

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.conformance.subject import Declined
 from hhtbench.studies.acceptance.asked import Asked
 from hhtbench.studies.acceptance.rows import Finding, bounded, every, row
 from hhtbench.studies.acceptance.scenes import Q0, V0, Rod, apart, ends, plane, problem, refuses, same
-from hhtbench.testing.subject import Declined
 
 STATUS = hb.Status
 ELSEWHERE = """

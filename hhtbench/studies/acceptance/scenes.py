@@ -1,4 +1,4 @@
-"""Scenes of the matrix that the scenes of ``hhtbench.testing`` do not have, and how a row looks at an end."""
+"""Scenes of the matrix that the scenes of ``hhtbench.conformance`` do not have, and how a row looks at an end."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.testing.scenes.pendulum import numpy_pendulum, pendulum
-from hhtbench.testing.scenes.scene import SPAN, Scene
-from hhtbench.testing.subject import Declined
+from hhtbench.conformance.scenes.pendulum import numpy_pendulum, pendulum
+from hhtbench.conformance.scenes.scene import SPAN, Scene
+from hhtbench.conformance.subject import Declined
 
 PENDULUM = pendulum()  # compiled
 PLAIN = numpy_pendulum()  # functions in Python

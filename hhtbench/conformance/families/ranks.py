@@ -1,0 +1,98 @@
+"""Constraints that are nearly dependent, dependent, or become so on the way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from hhtbench.conformance.cell import Cell, Expected, family
+from hhtbench.conformance.families.errors import at_the_end, held, reacting_by
+from hhtbench.conformance.scenes.circles import crossed_levels, leaning
+from hhtbench.conformance.subject import ACCURACY
+from hhtbench.protocol import Motion, Problem
+from hhtbench.registry import load_problem
+
+SPAN = 2.0  # [s]
+RTOL, STEP = 1e-5, 1e-2
+LEVELS = 1e-12
+ROUNDED = 20 * float(np.finfo(np.float64).eps)
+BRANCH = 0.3  # of the scaled positions: nearer than that it is this branch and no other
+CURVATURE = 200.0  # error over h^2 of a method of second order on the branch [1/s^2]; HHT's is 104 on the slider-crank
+CRANK_ANGLE, CRANK_RATE = math.pi / 4, 4.0  # at the start of the slider-crank [rad], [rad/s]
+
+
+def _leaning(rows: np.ndarray, x: float, small: bool, known: float) -> Iterator[Cell]:
+    """``known``: to what the rows themselves are rounded, over what they say apart from each other."""
+    for line, request, most, level in (
+        ("rtol 1e-05", {"rtol": RTOL}, ACCURACY * RTOL, ACCURACY * RTOL),
+        ("h = 0.01 s", {"step": STEP}, 10 * STEP**2, LEVELS),
+    ):
+        expected = reacting_by(rows, most + known) | {
+            "both levels": Expected(error=held(crossed_levels), most=level + known)
+        }
+        given: dict[str, Any] = {"make": partial(leaning, rows, SPAN), "request": request, "expected": expected}
+        yield Cell(x=x, line=line, small=small, cause="depend on the others and were left out", **given)
+
+
+@family("rank", "angle between two rows of constraints [rad]")
+def rank(seed: int) -> Iterator[Cell]:
+    """Two rows that are nearly one: motion, levels and reaction as if they were apart, but for the roundoff of the rows."""
+    for power in (0, -2, -4, -6, -8, -10, -12, -14):
+        yield from _leaning(
+            np.array([[1.0, 0.0], [1.0, 10.0**power]]), 10.0**power, power in (-4, -10), ROUNDED / 10.0**power
+        )
+
+
+@family("redundant", "a row once more, times")
+def redundant(seed: int) -> Iterator[Cell]:
+    """A row of constraints twice, at every scale: motion, levels and sum of reactions as if it were there once, closed."""
+    for power in (-12, -8, -4, 0, 4, 8, 12):
+        yield from _leaning(np.array([[1.0, 0.0], [0.0, 1.0], [10.0**power, 0.0]]), 10.0**power, power in (-8, 0), 0.0)
+
+
+def _slider_crank() -> Problem:
+    return replace(load_problem("slider_crank_equal_lengths"), exact=_smooth_branch)
+
+
+def _smooth_branch(t: float) -> Motion:
+    """Of the slider-crank, all lengths and masses 1: the energy alone rules the angle, by DOP853."""
+
+    def inertia(angle: float) -> float:
+        return 1 / 3 + 3 * math.sin(angle) ** 2
+
+    total = inertia(CRANK_ANGLE) * CRANK_RATE**2 + 9.81 * math.sin(CRANK_ANGLE)
+
+    def rate(_: float, y: Any) -> Any:
+        return [math.sqrt((total - 9.81 * math.sin(y[0])) / inertia(y[0]))]
+
+    angle = float(solve_ivp(rate, (0.0, t), [CRANK_ANGLE], "DOP853", rtol=1e-11, atol=1e-12).y[0, -1]) if t else CRANK_ANGLE
+    turn = rate(t, [angle])[0]
+    q = np.array([angle, -angle, 2 * math.cos(angle)])
+    return Motion(q, turn * np.array([1.0, -1.0, -2 * math.sin(angle)]), np.full(2, np.nan), np.zeros(0))
+
+
+@family("dead_points", "relative tolerance, or 1 / number of steps")
+def dead_points(seed: int) -> Iterator[Cell]:
+    """Positions where constraints lose rank and branches cross: the smooth one, closed, or by DOP853 from the energy."""
+    for name, make, end in (
+        ("four-bar window", partial(load_problem, "four_bars(n_windows=1, t_end=1.0)"), 1.0),
+        ("two windows", partial(load_problem, "four_bars(n_windows=2, t_end=1.0)"), 1.0),
+        ("slider-crank", _slider_crank, 2.0),
+    ):
+        branch = Expected(error=at_the_end, most=BRANCH)
+        for rtol in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
+            expected = {"branch": branch, "accuracy on it": Expected(error=at_the_end, most=ACCURACY * rtol)}
+            small = name == "slider-crank" and rtol in (1e-4, 1e-6)
+            request: dict[str, object] = {"rtol": rtol, "t_eval": [end]}
+            yield Cell(x=rtol, line=f"{name}, rtol", make=make, request=request, expected=expected, small=small)
+        for count in (200, 500, 1000, 2000, 5000):
+            request = {"steps": count, "t_eval": [end]}
+            on_it = Expected(error=at_the_end, most=CURVATURE * (end / count) ** 2)
+            expected = {"branch": branch, "accuracy on it": on_it}
+            yield Cell(x=1 / count, line=f"{name}, steps", make=make, request=request, expected=expected)
