@@ -3,9 +3,9 @@
 An entry has an id, a sentence, what it needs of a solver, and known failures with their reasons.  It is computed in one of
 three ways, each made by a decorator:
 
-``claim(id, *scenes, needs=(), known={})``
-    An assertion: ``measure(subject)``, or ``measure(subject, scene)`` once for each scene.  It raises ``AssertionError``
-    by :func:`expect` where the claim does not hold.  The sentence is the first line of its docstring.
+``claim(id, *scenes, parts=(), needs=(), known={})``
+    An assertion: ``measure(subject)``, or ``measure(subject, case)`` once for each scene or part.  It raises
+    ``AssertionError`` where the claim does not hold.  The sentence is the first line of its docstring.
 ``row(id, goes_in, expected, lane=Lane.fast, gap="", known={}, needs=())``
     A row of the acceptance matrix: ``measure(subject)`` returns a :class:`Finding`, a measured value and whether it is
     within its bound, with the names of the cases that are not.  ``tested(id, goes_in, expected, *tests)`` is a row that
@@ -18,8 +18,8 @@ All three are measured by :meth:`Entry.run`, which returns an :class:`Outcome` a
 applied by :func:`as_known`, which is strict: a case that is known to fail and passes is a failure.
 
 The rows of the acceptance matrix live in ``hhtbench/conformance/rows``, a module a section; a row takes a ``Subject``:
-``subject.ask(problem, alpha=None, **request)`` is one solve within a bound of time, ``subject.ways()``, ``subject.hht(system)``,
-``subject.fresh(**options)`` as its docstrings say.  A row that every solver can be asked, and that takes little time, is
+``subject.ask(problem, alpha=None, **request)`` is one solve within a bound of time; ``ways()``, ``hht(system)`` and
+``fresh(**options)`` are as its docstrings say.  A row that every solver can be asked, and that takes little time, is
 one of the claims of ``check_solver`` too: ``row(..., every_solver=True)``.  Then no claim of the same content is needed.
 
 :mod:`.registry` lists the entries; :mod:`.subject` is the solver that they are asked of; :mod:`.scenes` are the mechanisms.
@@ -129,7 +129,8 @@ class Entry:
     sentence: str  #: what is claimed; of a row what is expected, of a family where the expectation comes from
     measure: Measure | None  #: None: held by ``tests`` alone
     needs: tuple[str, ...] = ()  #: of a solver, as :meth:`Subject.lacks` knows them
-    scenes: tuple[str, ...] = ()  #: of a claim that is made once for each
+    scenes: tuple[str, ...] = ()  #: of a claim that is made once on each
+    parts: tuple[str, ...] = ()  #: of a claim that is made once for each
     cells: Callable[[int], Iterable[Cell]] | None = None  #: of a family, by seed
     lane: Lane = Lane.fast
     known: Known = field(default_factory=dict)  #: failures, strict
@@ -140,16 +141,14 @@ class Entry:
     parameter: str = ""  #: of a family, with its unit
 
     def cases(self, seed: int = 0) -> Iterator[tuple[str | Cell, ...]]:
-        """What :meth:`run` takes after the subject: nothing, a scene of a claim, or a cell of a family."""
+        """What :meth:`run` takes after the subject: nothing, a scene or a part of a claim, or a cell of a family."""
         if self.cells is not None:
             yield from ((cell,) for cell in self.cells(seed))
-        elif self.scenes:
-            yield from ((scene,) for scene in self.scenes)
         else:
-            yield ()
+            yield from [(case,) for case in self.scenes + self.parts] or [()]
 
     def name(self, *case: str | Cell) -> str:
-        """Of the check that a case is: "position/order", "stiffness/h = 0.01 s/1e+12", "M1"."""
+        """Of the check that a case is: "position/order", "nan/force", "stiffness/h = 0.01 s/1e+12", "M1"."""
         return self.id if not case else f"{case[0]}/{self.id}" if self.scenes else f"{self.id}/{case[0]}"
 
     def run(self, subject: Subject, *case: str | Cell, timed: bool = True, run_tests: bool = False) -> Outcome:
@@ -224,13 +223,15 @@ def as_known(found: Outcome, reason: str, cases: tuple[str, ...] = ()) -> Outcom
     return found if others else replace(found, kind=Kind.expected, message=f"{reason} ({found.message})")
 
 
-def claim(id: str, *scenes: str, needs: tuple[str, ...] = (), known: Known | None = None) -> Callable[[Measure], Measure]:
-    """Make an assertion the claim ``id`` of its module; with ``scenes`` once for each."""
+def claim(
+    id: str, *scenes: str, parts: Iterable[str] = (), needs: tuple[str, ...] = (), known: Known | None = None
+) -> Callable[[Measure], Measure]:
+    """Make an assertion the claim ``id`` of its module; with ``scenes`` or ``parts`` once for each."""
 
     def register(measure: Measure) -> Any:
         sentence = (inspect.getdoc(measure) or "").partition("\n")[0]
-        entry = Entry(id=id, sentence=sentence, measure=measure, scenes=scenes, needs=needs, known=known or {})
-        measure.entry = entry  # type: ignore[attr-defined]
+        made = Entry(id=id, sentence=sentence, measure=measure, scenes=scenes, parts=tuple(parts), needs=needs)
+        measure.entry = replace(made, known=known or {})  # type: ignore[attr-defined]
         return measure
 
     return register

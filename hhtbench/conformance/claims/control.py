@@ -10,7 +10,7 @@ import numpy as np
 from scipy.integrate import quad
 
 from hhtbench.conformance.entry import claim
-from hhtbench.conformance.subject import Declined, Subject, expect
+from hhtbench.conformance.subject import Subject, expect
 from hhtbench.protocol import Problem, System
 
 BEGINS, WITHIN = 0.53, 1e-3  # [s]
@@ -40,35 +40,27 @@ def _log_cosh(s: float) -> float:
     return abs(s) + math.log1p(math.exp(-2 * abs(s))) - math.log(2.0)
 
 
-def _asked(subject: Subject) -> tuple[Problem, tuple[dict[str, Any], ...]]:
-    """The problem and requests from coarse to fine."""
-    problem = Problem(name="onset", system=Pushed(), t_span=(0.0, 1.0), q0=np.zeros(2), v0=np.zeros(2))
-    ladder = subject.ladder(problem)
-    if "rtol" not in ladder[0]:
-        raise Declined(f"{subject.name} has no error control")
-    return problem, ladder
+PROBLEM = Problem(name="onset", system=Pushed(), t_span=(0.0, 1.0), q0=np.zeros(2), v0=np.zeros(2))
 
 
-@claim("tolerance/growth")
+@claim("tolerance/growth", needs=("rtol",))
 def steps_grow_again(subject: Subject) -> None:
     """After a force has begun, steps become long again: its onset takes short ones, the steady force does not."""
-    problem, ladder = _asked(subject)
-    lengths = np.diff(subject.succeeds(problem, **ladder[1]).t)[:-1]  # the last one lands at the end
+    lengths = np.diff(subject.succeeds(PROBLEM, **subject.ladder(PROBLEM)[1]).t)[:-1]  # the last one lands at the end
     grown = float(np.max(lengths[np.argmin(lengths) :]) / np.min(lengths))
     expect(
         grown >= GROWN, f"the longest step after the onset is {grown:.1f} times the shortest; expected {GROWN:g} at least"
     )
 
 
-@claim("tolerance/onset")
+@claim("tolerance/onset", needs=("rtol",))
 def sudden_force_is_resolved(subject: Subject) -> None:
     """A force that begins at once costs no more than the tolerance: the step across its onset is taken back."""
-    problem, ladder = _asked(subject)
     place = quad(_speed, 0.0, 1.0, points=[BEGINS], epsabs=0.0, epsrel=1e-10)[0]
-    for request in ladder[1:]:
-        solution = subject.succeeds(problem, **request)
+    for request in subject.ladder(PROBLEM)[1:]:
+        solution = subject.succeeds(PROBLEM, **request)
         found, wanted = (solution.q[-1, 0], solution.v[-1, 0]), (place, _speed(1.0))
         error = max(abs(one - other) / other for one, other in zip(found, wanted, strict=True))
-        bound = subject.bound(request, problem)
+        bound = subject.bound(request, PROBLEM)
         text = f"the error at rtol={request['rtol']:g} is {error:.1e}; expected {bound:.1e} at most"
         expect(error <= bound, text)

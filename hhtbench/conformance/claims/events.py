@@ -12,7 +12,7 @@ from hhtbench.arguments import Vector
 from hhtbench.conformance.entry import claim
 from hhtbench.conformance.scenes.pendulum import PERIOD, RADIUS, swing
 from hhtbench.conformance.scenes.scene import Scene
-from hhtbench.conformance.subject import Declined, Subject, expect
+from hhtbench.conformance.subject import Subject, expect
 from hhtbench.result import Solution, Status
 
 ANGLE = 0.5  # of the pendulum from below, at which the event is [rad]
@@ -38,12 +38,9 @@ def _height(direction: int, terminal: bool) -> Callable[..., Any]:
 
 def _solved(subject: Subject, direction: int = 0, terminal: bool = False) -> tuple[Scene, Solution, float]:
     """The pendulum with that event, and what its error may be."""
-    with_events = getattr(subject.solver, "with_events", None)
-    if with_events is None:
-        raise Declined(f"{subject.name} has no events")
     scene = subject.scene("position")
     request = subject.ladder(scene.problem)[1]
-    solver = with_events(_height(direction, terminal))
+    solver = subject.solver.with_events(_height(direction, terminal))
     return scene, subject.solve(scene.problem, solver, **request), subject.bound(request, scene.problem)
 
 
@@ -55,7 +52,7 @@ def _expect_times(found: Solution, known: Vector, bound: float) -> None:
     expect(off <= bound, f"an event is off its time by {off:.1e} s; expected {bound:.1e} at most")
 
 
-@claim("events/times")
+@claim("events/times", needs=("with_events",))
 def events_are_found_in_time(subject: Subject) -> None:
     """Every change of sign of an event function is found, at its time, with the state there."""
     _, found, bound = _solved(subject)
@@ -65,7 +62,7 @@ def events_are_found_in_time(subject: Subject) -> None:
     expect(off <= bound, f"at an event its function is {off:.1e}; expected {bound:.1e} at most")
 
 
-@claim("events/direction")
+@claim("events/direction", needs=("with_events",))
 def events_have_a_direction(subject: Subject) -> None:
     """Of an event with a direction the changes of sign in the other one are none."""
     for direction, known in ((-1, _times()[:1]), (1, _times()[1:])):
@@ -73,7 +70,7 @@ def events_have_a_direction(subject: Subject) -> None:
         _expect_times(found, known, bound)
 
 
-@claim("events/terminal")
+@claim("events/terminal", needs=("with_events",))
 def terminal_event_ends_the_motion(subject: Subject) -> None:
     """A terminal event ends the motion where its function is zero or has just crossed it, on both constraint levels."""
     scene, found, bound = _solved(subject, terminal=True)
