@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from hhtbench.conformance.entry import Entry, Kind, Outcome, entries_of
+from hhtbench.conformance.rows import method
+from hhtbench.conformance.rows.method import EVERY_ALPHA, FREQUENCIES, MATRIX, step_errors
+from hhtbench.conformance.subject import Subject
 from hhtbench.report.tables import Cell, Table, make_table
-from hhtbench.studies.acceptance import method
-from hhtbench.studies.acceptance.asked import ASKED
-from hhtbench.studies.acceptance.method import EVERY_ALPHA, FREQUENCIES, MATRIX, step_errors
-from hhtbench.studies.acceptance.rows import Outcome, Row, Verdict, rows_of
 
 SOLVER = "hht"
 FORMS = ("M2", "M4", "M5")  # rows of the acceptance matrix about radius, damping and period, overshoot
@@ -21,20 +21,20 @@ class ClosedForms:
     """What was measured."""
 
     errors: Mapping[tuple[float, float], float]  #: by alpha and w h, of trace, sum of principal minors and determinant
-    outcomes: Mapping[Row, Outcome]  #: of the other forms
+    outcomes: tuple[tuple[Entry, Outcome], ...]  #: of the other forms
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         errors = [{"alpha": alpha, "w h": o, "error": error} for (alpha, o), error in self.errors.items()]
-        forms = [{"id": x.id, "measured": x.measured, "verdict": x.verdict.value} for x in self.outcomes.values()]
+        forms = [{"id": x.id, "measured": x.message, "verdict": x.kind.label} for _, x in self.outcomes]
         return {"matrix": errors, "forms": forms}
 
 
 def measure_closed_forms() -> ClosedForms:
     """Of the compiled loop; a second."""
-    asked = next(x for x in ASKED if x.name == SOLVER)
-    rows = [row for row in rows_of(method) if row.id in FORMS]
-    return ClosedForms(errors=step_errors(asked), outcomes={row: row.outcome(asked) for row in rows})
+    subject = Subject.column(SOLVER)
+    forms = tuple((row, row.run(subject)) for row in entries_of(method) if row.id in FORMS)
+    return ClosedForms(errors=step_errors(subject), outcomes=forms)
 
 
 def matrix_table(found: ClosedForms) -> Table:
@@ -51,7 +51,7 @@ def matrix_table(found: ClosedForms) -> Table:
 def forms_table(found: ClosedForms) -> Table:
     """A line each of the other forms."""
     lines: list[list[str | Cell]]
-    lines = [[row.goes_in, row.expected, _verdict(outcome)] for row, outcome in found.outcomes.items()]
+    lines = [[row.goes_in, row.sentence, _verdict(outcome)] for row, outcome in found.outcomes]
     return make_table(["what", "expected", "measured"], lines)
 
 
@@ -60,4 +60,4 @@ def _judged(error: float) -> Cell:
 
 
 def _verdict(outcome: Outcome) -> Cell:
-    return Cell(outcome.measured, "good" if outcome.verdict is Verdict.holds else "bad")
+    return Cell(outcome.message, "good" if outcome.kind is Kind.right else "bad")
