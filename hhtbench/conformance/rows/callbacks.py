@@ -13,7 +13,7 @@ import numpy as np
 import hhtbench as hb
 from hhtbench.conformance.entry import Lane
 from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, refuses, row, same, within
-from hhtbench.conformance.scenes.rod import FUNCTIONS, PLACES, mutating, plane, raising, spoiled
+from hhtbench.conformance.scenes.rod import FUNCTIONS, PLACES, mutating, plane, spoiled
 from hhtbench.conformance.subject import MAX_SECONDS, Subject
 
 STATUS = hb.Status
@@ -178,7 +178,7 @@ class Planned(Exception):
 def _comes_back(subject: Subject, error: BaseException, name: str, since: float, request: dict[str, Any]) -> str:
     """The fault of how an exception reaches the caller."""
     try:
-        found = subject.ask(raising(error, name, since), **request)
+        found = subject.ask(spoiled(name, error, lambda t, n: t >= since), **request)
     except type(error) as caught:
         if caught is not error:
             return "another object"
@@ -200,10 +200,11 @@ def own_exceptions(subject: Subject, request: dict[str, Any]) -> Cases:
             yield f"{name} {since:g}", _comes_back(subject, Planned("own"), name, since, request)
 
 
-@row("C12", "SystemExit, KeyboardInterrupt, MemoryError, RecursionError", "the same")
+@row("C12", "SystemExit, KeyboardInterrupt, MemoryError, RecursionError, ZeroDivisionError", "the same")
 def exits(subject: Subject) -> Cases:
     """Raised by the force after a second."""
-    for error in (SystemExit(3), KeyboardInterrupt(), MemoryError("own"), RecursionError("own")):
+    errors = (SystemExit(3), KeyboardInterrupt(), MemoryError("own"), RecursionError("own"), ZeroDivisionError("own"))
+    for error in errors:
         yield type(error).__name__, _comes_back(subject, error, "force", 1.0, {"rtol": 1e-4})
 
 

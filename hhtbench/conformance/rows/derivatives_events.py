@@ -27,11 +27,11 @@ def _wrong(subject: Subject, changes: dict[str, Any], *others: hb.Status, least:
     """Against the right one; ``least``: iterations of HHT over its own, where one is needed."""
     for way, request in subject.alphas({"step": 0.005}, {"rtol": 1e-6}).items():
         right = subject.ask(claiming(lambda x: x), (0.0, 0.1), **request)
-        allowed = (1e-9 if subject.is_hht else 1e-4) * float(np.abs(right.v).max())
+        speed, allowed = np.abs(right.v).max(), 1e-9 if subject.is_hht else 1e-4
         for case, change in changes.items():
             found = subject.ask(claiming(change), (0.0, 0.1), **request)
-            off = within(apart(found, right), allowed) if found.success else ends(found, *others)
-            yield f"{case} {way}".strip(), off
+            off = within(apart(found, right) / speed, allowed, "over the speed, off by")
+            yield f"{case} {way}".strip(), off if found.success else ends(found, *others, words=("force_jac",))
             if found.success and least:
                 more = (found.counters.newton_iterations or 0) / max(right.counters.newton_iterations or 1, 1)
                 yield (

@@ -16,7 +16,11 @@ from hhtbench.conformance.subject import Subject
 
 OFF = hb.Status.inconsistent_initial
 SHORT = (0.0, 0.2)  # [s]
-STARTS = {"q0 by 0.1 %": (Q0 * 1.001, V0), "q0 by 10 %": (Q0 * 1.1, V0), "v0 not tangent": (Q0, V0 + 0.25 * Q0)}
+STARTS = {  # with the level that is off
+    "q0 by 0.1 %": (Q0 * 1.001, V0, "g[0]"),
+    "q0 by 10 %": (Q0 * 1.1, V0, "g[0]"),
+    "v0 not tangent": (Q0, V0 + 0.25 * Q0, "g_q v"),
+}
 
 
 @row(
@@ -26,8 +30,8 @@ STARTS = {"q0 by 0.1 %": (Q0 * 1.001, V0), "q0 by 10 %": (Q0 * 1.1, V0), "v0 not
 )
 def off_the_constraints(subject: Subject, request: dict[str, Any]) -> Cases:
     """Both levels after the correction at most 1e-12."""
-    for case, (q0, v0) in STARTS.items():
-        yield case, ends(subject.ask(Rod(), SHORT, q0=q0, v0=v0, **request), OFF, words=("[0]",))
+    for case, (q0, v0, level) in STARTS.items():
+        yield case, ends(subject.ask(Rod(), SHORT, q0=q0, v0=v0, **request), OFF, words=(level,))
         found = subject.ask(Rod(), SHORT, q0=q0, v0=v0, **request, calc_initcond=True)
         yield f"{case}, corrected", ends(found, hb.Status.success, words=("moved q0 by",))
         q, v = found.q[0], found.v[0]

@@ -65,17 +65,23 @@ def bad_steps(subject: Subject) -> Cases:
     yield "longer", "" if np.array_equal(long.q, one.q) else "another result"
 
 
-@row("O5", "max_num_steps 0, 20, None", "0 refused; 20: max_steps with 20 steps of output; counts over the whole interval")
-def budget_of_steps(subject: Subject, request: dict[str, Any]) -> Cases:
+@row(
+    "O5", "max_num_steps 0, 20, None; few evaluations, no time", "0 refused; the status; 20 steps in the interval"
+)
+def budgets(subject: Subject, request: dict[str, Any]) -> Cases:
     """With output at every step and at a few times."""
     given = problem(Rod(), (0.0, 3.0))
     yield "0", refuses(lambda: subject.ask(given, rtol=1e-6, max_num_steps=0), "max_num_steps")
     cut = subject.ask(given, **request, max_num_steps=20)
-    yield "20", ends(cut, STATUS.max_steps) or ("" if cut.t.size == 21 else f"{cut.t.size} rows")
+    rows = "" if cut.t.size == 21 else f"{cut.t.size} rows"
+    yield "20", ends(cut, STATUS.max_steps, words=("20 steps",)) or rows
     few = subject.ask(given, **request, max_num_steps=20, t_eval=[0.0, 1e-3, 3.0])
     counted = few.counters.steps_accepted
     yield "20, few rows", ends(few, STATUS.max_steps) or ("" if counted == 20 else f"{counted} steps")
     yield "None", arrives(subject.ask(given, **request, max_num_steps=None))
+    evaluations = subject.ask(given, **request, max_evaluations=9)
+    yield "evaluations", ends(evaluations, STATUS.evaluation_budget, words=("9 evaluations",))
+    yield "seconds", ends(subject.ask(given, **request, max_seconds=1e-9), STATUS.deadline, words=("seconds",))
 
 
 BUDGET, SLACK = 0.2, 0.1  # [s]: a step, the rows, and waiting for the core
@@ -144,7 +150,8 @@ def far_origins(subject: Subject, request: dict[str, Any]) -> Cases:
 def beyond_the_resolution(subject: Subject, request: dict[str, Any]) -> Cases:
     """Doubles are 1/8 s apart there."""
     found = subject.ask(Rod(), (1e15, 1e15 + 1.0), **request)
-    yield "", ends(found, STATUS.time_resolution) or ("" if np.all(np.diff(found.t) > 0) else "time stands still")
+    fault = ends(found, STATUS.time_resolution, words=("1000000000000000",))
+    yield "", fault or ("" if np.all(np.diff(found.t) > 0) else "time stands still")
 
 
 SPANS = ((0.0, 5e-324), (0.0, 1e-300), (0.0, 1e-15), (1.0, np.nextafter(1.0, 2.0)), (1.0, np.nextafter(1.0, 0.0)))

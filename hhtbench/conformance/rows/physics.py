@@ -124,7 +124,7 @@ def duplicated(subject: Subject, request: dict[str, Any]) -> Cases:
 @row("P6", "contradictory constraints", "inconsistent_initial")
 def contradictory(subject: Subject, request: dict[str, Any]) -> Cases:
     """Two radii."""
-    yield "", ends(subject.ask(two_rods(), **request), STATUS.inconsistent_initial)
+    yield "", ends(subject.ask(two_rods(), **request), STATUS.inconsistent_initial, words=("g[1]",))
 
 
 @row(
@@ -216,11 +216,11 @@ def _warns(subject: Subject, solve: Any) -> str:
 
 @row(
     "P10",
-    "gravity 1e200, 1e308, 5e-324; overflow in f",
+    "gravity 1e200, 1e308, 5e-324; overflow in f; a force that jumps to 1e12",
     "the cause named, without spending the budget of time; on the circle at 5e-324, to 1e-3",
     lane=Lane.slow,
 )
-def gravities(subject: Subject, request: dict[str, Any]) -> Cases:
+def overflows(subject: Subject, request: dict[str, Any]) -> Cases:
     """Ten seconds allowed; at 1e200 m/s^2 a swing takes 1e-100 s, so that no success can be right."""
     for gravity in (1e200, 1e308):
         found = subject.ask(Rod(gravity=gravity), (0.0, 1.0), **request, max_seconds=10.0)
@@ -230,8 +230,14 @@ def gravities(subject: Subject, request: dict[str, Any]) -> Cases:
     found = subject.ask(Rod(gravity=5e-324), (0.0, 1.0), **request, max_seconds=10.0)
     error = np.abs(found.q[-1] - [np.sin(1.5), -np.cos(1.5)]).max()  # from an angle of 1 at 0.5 rad/s
     yield "5e-324", arrives(found) or within(error, 1e-3)
-    burst = plane(force=lambda t, q, v: np.array([0.0, -9.81]) if t <= 0.5 else np.full(2, np.inf))
-    yield "overflow", ends(subject.ask(burst, rtol=1e-4), STATUS.nonfinite_callback)
+    weight = subject.ask(Rod(gravity=1e308), rtol=1e-4)
+    yield "overflow of products", ends(weight, STATUS.nonfinite_callback, words=("force[1]",))
+    burst, jump = (
+        plane(force=lambda t, q, v, since=since, late=late: np.array([0.0, -9.81 if t <= since else late]))
+        for since, late in ((0.5, np.inf), (1.0, -1e12))
+    )
+    yield "overflow", ends(subject.ask(burst, rtol=1e-4), STATUS.nonfinite_callback, words=("force[1]",))
+    yield "jump", ends(subject.ask(jump, rtol=1e-4), STATUS.step_too_small, STATUS.success)
 
 
 FLIP = 0.4321  # [s]

@@ -53,27 +53,19 @@ def plane(**functions: Any) -> hb.NumpySystem:
     return hb.NumpySystem(**{**given, **functions})
 
 
-def spoiled(name: str, bad: float, when: Callable[[float, int], bool]) -> hb.NumpySystem:
-    """The plane pendulum whose function ``name`` holds ``bad`` where ``when(t, number of the call)``."""
+def spoiled(name: str, bad: float | BaseException, when: Callable[[float, int], bool]) -> hb.NumpySystem:
+    """The plane pendulum whose function ``name`` holds ``bad``, or raises it, where ``when(t, number of the call)``."""
     calls = [0]
 
     def function(t: float, *arguments: Any) -> Any:
         calls[0] += 1
         value = FUNCTIONS[name](t, *arguments)
-        if when(t, calls[0]):
-            value[(-1,) * value.ndim] = bad
+        if not when(t, calls[0]):
+            return value
+        if isinstance(bad, BaseException):
+            raise bad
+        value[(-1,) * value.ndim] = bad
         return value
-
-    return plane(**{**FUNCTIONS, name: function})
-
-
-def raising(error: BaseException, name: str, since: float) -> hb.NumpySystem:
-    """The plane pendulum whose function ``name`` raises from the time ``since`` on."""
-
-    def function(t: float, *arguments: Any) -> Any:
-        if t >= since:
-            raise error
-        return FUNCTIONS[name](t, *arguments)
 
     return plane(**{**FUNCTIONS, name: function})
 
