@@ -15,6 +15,18 @@ from hhtbench.conformance.families.ranks import dead_points, rank, redundant
 from hhtbench.conformance.families.recurrence import amplification
 from hhtbench.conformance.families.rods import masses, origin, perturbations, ratios, span, tension, units
 from hhtbench.conformance.families.springs import dampers, order, servo, spin, steps, stiffness
+from hhtbench.conformance.rows import (
+    callbacks,
+    convergence,
+    derivatives_events,
+    elsewhere,
+    inputs,
+    method,
+    options,
+    physics,
+    random_faults,
+    reproducibility,
+)
 from hhtbench.errors import NotFoundError
 
 CLAIMS = tuple(entry for module in (motion, control, events, frames, conduct, failures) for entry in entries_of(module))
@@ -43,6 +55,17 @@ FAMILIES = (
     span,
     units,
     long_run,
+)
+SECTIONS = "MICOSPJERAK"  # letters of the acceptance matrix, in its order
+_MEASURED = (
+    *(method, convergence, inputs, callbacks, options),
+    *(physics, derivatives_events, reproducibility, random_faults, elsewhere),
+)
+ROWS = tuple(
+    sorted(
+        (*(entry for module in _MEASURED for entry in entries_of(module)), *elsewhere.BY_TESTS),
+        key=lambda entry: (SECTIONS.index(entry.id[0]), int(entry.id[1:])),
+    )
 )
 
 

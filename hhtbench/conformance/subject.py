@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
@@ -14,7 +15,8 @@ import hhtbench
 from hhtbench.api import solve
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.conformance.scenes import SCENES
-from hhtbench.conformance.scenes.scene import Scene
+from hhtbench.conformance.scenes.rod import Q0, V0, problem
+from hhtbench.conformance.scenes.scene import SPAN, Scene
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_solver
 from hhtbench.request import make_request
@@ -81,6 +83,7 @@ class Subject:
         self.target = found.target if found else own  # the spec without its arguments
         self.is_hht = self.target == "hht"  # which can be asked more than a solver of the bench
         self.engine = str(found.arguments.get("engine", "compiled")) if found and self.is_hht else ""
+        self.took: list[float] = []  # by the solves of a row [s]
         self._scenes: dict[str, Scene] = {}
         self._solved: dict[Any, Solution] = {}
 
@@ -115,10 +118,26 @@ class Subject:
             for name, request in (("fixed", {"step": 0.01}), ("adaptive", {"rtol": 1e-5}))
         }
 
-    def ask(self, problem: Problem | str, *, alpha: float | None = None, **request: Any) -> Solution:
-        """One solve with a bound of time, by HHT with ``alpha``; what the solver declines raises."""
-        solver = self.solver if alpha is None else self.fresh(alpha=alpha)
-        return self.solve(problem, solver, **{"max_seconds": MAX_SECONDS, **request})
+    def alphas(self, hht: Mapping[str, Any], others: Mapping[str, Any]) -> Mapping[str, dict[str, Any]]:
+        """One request: that of HHT with both alphas, or that of other solvers."""
+        return {f"alpha={x:g}": {"alpha": x, **hht} for x in ALPHAS} if self.is_hht else {"": dict(others)}
+
+    def ask(
+        self, given: Any, t_span: Any = SPAN, *, q0: Any = Q0, v0: Any = V0, alpha: float | None = None, **request: Any
+    ) -> Solution:
+        """One solve of a problem, or of a system from the start of the rod, with a bound of time.
+
+        Raises
+        ------
+        Declined
+            The solver declines it.
+        """
+        asked = given if isinstance(given, Problem) else problem(given, t_span, q0=q0, v0=v0)
+        solver, began = self.solver if alpha is None else self.fresh(alpha=alpha), time.perf_counter()
+        try:
+            return self.solve(asked, solver, **{"max_seconds": MAX_SECONDS, **request})
+        finally:
+            self.took.append(time.perf_counter() - began)
 
     def hht(self, system: Any, **options: Any) -> Any:
         """The integrator itself, for rows about its own steps."""

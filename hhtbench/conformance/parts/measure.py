@@ -16,16 +16,15 @@ import jax
 import numpy as np
 
 import hhtbench as hb
+from hhtbench.conformance.parts.scenes import H, Scene
 from hhtbench.errors import ProblemError
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import SIGNATURES, NumpySystem, declared
-from hhtbench.studies.parts.scenes import H, Scene
 
 COUNTED = 20  # steps of the shorter of two runs whose calls are counted
 TIMED, START = 40_000, 2  # steps of runs that are timed: the latter is hardly more than a start
 BY_HAND = 50, 400  # steps by hand before, and those while what stays behind is measured
-TRACED = 500, 8200  # steps of two runs: room for steps grows fourfold from 513, both fill theirs
 ENDS = (hb.Status.success, hb.Status.max_steps)  # of runs that are measured
 
 
@@ -37,7 +36,6 @@ class Cost:
     once: Mapping[str, float]  #: the same of start and end together
     seconds: float  #: of processor time a step, in machine code
     memory: int  #: bytes of the arrays that the loop works in
-    allocated: float  #: bytes a step, of the rows that are kept for the caller
     operations: int  #: arithmetic of all functions of a step in machine code
     python: float  #: calls of functions, Python's own too, a step: whatever Python allocates, one of these does
     left: float  #: bytes that a step by hand leaves behind, where no rows are kept
@@ -65,7 +63,7 @@ def run(scene: Scene, steps: int, *, system: Any = None, event: Callable[..., An
 
 def calls_of(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
     """Calls by name of a system of plain callables that declares what the scene's does: a step, and of start and end."""
-    counted(scene, 2)  # what is looked at once in a process
+    counted(scene, 2)  # what is called once in a process
     short, long = counted(scene, COUNTED), counted(scene, 2 * COUNTED)
     step = {name: (long[name] - short[name]) / COUNTED for name in long}
     return step, {name: short[name] - COUNTED * step[name] for name in long}
@@ -75,32 +73,28 @@ def counted(scene: Scene, steps: int) -> Counter[str]:
     """Calls by name in one run of the scene in plain callables, with those of the terms that are derived from them."""
     calls: Counter[str] = Counter()
 
-    def told(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any) -> Any:
-            calls[name] += 1
-            return function(*arguments)
+    def counting(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *arguments: (calls.update((name,)), function(*arguments))[1]
 
-        return call
+    functions = {name: counting(name, value) if callable(value) else value for name, value in plain(scene.system).items()}
 
-    functions = {name: told(name, value) if callable(value) else value for name, value in plain(scene.system).items()}
-
-    def look(frame: Any, event: str, _: Any) -> None:
+    def derived(frame: Any, event: str, _: Any) -> None:
         name = frame.f_code.co_name
-        if (
-            event == "call"
-            and name in FUNCTIONS
-            and name not in functions
-            and isinstance(frame.f_locals.get("self"), NumpyDynamics)
-        ):
-            calls[name] += 1
+        if event == "call" and name in FUNCTIONS and name not in functions:
+            calls[name] += isinstance(frame.f_locals.get("self"), NumpyDynamics)
 
-    system, before = NumpySystem(**functions), sys.getprofile()
-    sys.setprofile(look)
+    profiled(derived, run, scene, steps, system=NumpySystem(**functions), event=counting("event", height))
+    return +calls
+
+
+def profiled(profile: Any, function: Callable[..., Any], *arguments: Any, **options: Any) -> None:
+    """Call ``function`` under a ``profile`` of :func:`sys.setprofile`."""
+    before = sys.getprofile()
+    sys.setprofile(profile)
     try:
-        run(scene, steps, system=system, event=told("event", height))
+        function(*arguments, **options)
     finally:
         sys.setprofile(before)
-    return calls
 
 
 def plain(system: hb.System) -> dict[str, Any]:
@@ -125,14 +119,10 @@ def seconds_of(actions: Mapping[str, Callable[[int], object]], rounds: int) -> d
     for _ in range(rounds):
         for name, action in actions.items():
             for steps in (START, TIMED):
-                found[name, steps].append(_seconds(action, steps))
+                began = time.process_time()
+                action(steps)
+                found[name, steps].append(time.process_time() - began)
     return {name: (min(found[name, TIMED]) - min(found[name, START])) / (TIMED - START) for name in actions}
-
-
-def _seconds(action: Callable[[int], object], steps: int) -> float:
-    began = time.process_time()
-    action(steps)
-    return time.process_time() - began
 
 
 def by_hand(scene: Scene) -> Any:
@@ -163,12 +153,7 @@ def _calls_in_python(scene: Scene, steps: int) -> int:
     counts = []
     for _ in range(3):
         events: Counter[str] = Counter()
-        before = sys.getprofile()
-        sys.setprofile(lambda frame, event, _, events=events: events.update((event,)))  # type: ignore[misc]
-        try:
-            run(scene, steps)
-        finally:
-            sys.setprofile(before)
+        profiled(lambda frame, event, _, events=events: events.update((event,)), run, scene, steps)
         counts.append(events["call"] + events["c_call"])
     return min(counts)
 
@@ -192,39 +177,13 @@ def left_by(scene: Scene) -> float:
         tracemalloc.stop()
 
 
-def allocated_by(scene: Scene) -> float:
-    """Bytes a step by which the most that a run holds at a time grows with its length."""
-    short, long = TRACED
-    run(scene, short)
-    return (_peak(scene, long) - _peak(scene, short)) / (long - short)
-
-
-def _peak(scene: Scene, steps: int) -> int:
-    tracemalloc.start()
-    try:
-        run(scene, steps)
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-
-
 def costs_of(scenes: Mapping[str, Scene], rounds: int) -> dict[str, Cost]:
     """Of every scene; their times side by side."""
     seconds = seconds_of({name: partial(run, scene) for name, scene in scenes.items()}, rounds)
-    found = {}
-    for name, scene in scenes.items():
-        step, once = calls_of(scene)
-        found[name] = Cost(
-            calls=step,
-            once=once,
-            seconds=seconds[name],
-            memory=memory_of(scene),
-            allocated=allocated_by(scene),
-            operations=operations_of(scene),
-            python=python_of(scene),
-            left=left_by(scene),
-        )
-    return found
+    return {
+        name: Cost(*calls_of(scene), seconds[name], memory_of(scene), operations_of(scene), python_of(scene), left_by(scene))
+        for name, scene in scenes.items()
+    }
 
 
 def own(calls: Mapping[str, float], terms: Collection[str]) -> float:

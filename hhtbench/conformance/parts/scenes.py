@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +13,6 @@ import hhtbench as hb
 from hhtbench.arguments import Vector
 
 GRAVITY = 9.81
-COUPLED = ((2.0, 0.3, 0.0), (0.3, 1.0, 0.1), (0.0, 0.1, 1.5))
 H = 0.01  # [s] of prescribed steps
 FOREVER = 1e4  # [s], which no run reaches that is ended by its number of steps
 
@@ -25,74 +25,32 @@ class Spring(hb.System):
         return jnp.array([0.0, 0.0, -GRAVITY]) - (1.0 + q @ q) * q
 
 
-class ConstantMass(Spring):
-    """With a mass matrix that is declared as numbers."""
-
-    mass_matrix: Any = hb.parameter(COUPLED, doc="[kg]")
-
-
-class VariableMass(Spring):
-    """With a mass that depends on the position."""
-
-    def mass_matrix(self, t: Any, q: Any) -> Any:
-        """M (3, 3) [kg]."""
-        return jnp.diag(1.0 + 0.3 * q**2)
+def spring(**functions: Any) -> hb.System:
+    """The point with further functions of ``(self, t, q, ...)``."""
+    return type("Spring", (Spring,), functions)()
 
 
-class Damped(Spring):
-    """With a force that depends on velocities."""
-
-    def force(self, t: Any, q: Any, v: Any) -> Any:
-        """F (3,) [N]."""
-        return super().force(t, q, v) - 0.2 * v
+def _on_sphere(radius: Callable[[Any], Any]) -> Callable[..., Any]:
+    return lambda self, t, q: jnp.stack([(q @ q - radius(t) ** 2) / 2.0])
 
 
-class Sphere(Spring):
-    """Held on a sphere: one position constraint."""
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """g (1,) [m^2]."""
-        return jnp.stack([(q @ q - 1.0) / 2.0])
+def _energy(self: Any, t: Any, q: Any, v: Any) -> Any:
+    return 0.5 * (v @ v) + GRAVITY * q[2] + 0.5 * (q @ q) + 0.25 * (q @ q) ** 2
 
 
-class Breathing(Spring):
-    """Held on a sphere whose radius changes with time."""
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """g (1,) [m^2]."""
-        return jnp.stack([(q @ q - (1.0 + 0.1 * jnp.sin(t)) ** 2) / 2.0])
-
-
-class Skate(Spring):
-    """With a constraint on velocities."""
-
-    def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
-        """k (1,) [m/s]."""
-        return jnp.stack([v[2] - 0.2 * q[1] * v[0]])
-
-
-class Cubic(Sphere):
-    """With a reaction that is nonlinear in the multiplier."""
-
-    def reaction(self, t: Any, q: Any, lam: Any) -> Any:
-        """Q (3,) [N]."""
-        return -q * (lam[0] + 1e-3 * lam[0] ** 3)
-
-
-class Measured(Spring):
-    """With what is measured and never used by a solver."""
-
-    def energy(self, t: Any, q: Any, v: Any) -> Any:
-        """[J]."""
-        return 0.5 * (v @ v) + GRAVITY * q[2] + 0.5 * (q @ q) + 0.25 * (q @ q) ** 2
-
-    def power(self, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
-        """[W]."""
-        return jnp.zeros(())
-
-    def invariants(self, t: Any, q: Any, v: Any) -> Any:
-        """By name."""
-        return {"about the vertical": q[0] * v[1] - q[1] * v[0]}
+FREE = spring()
+HELD = spring(constraint=_on_sphere(lambda t: 1.0))
+CONSTANT_MASS = spring(mass_matrix=np.array([[2.0, 0.3, 0.0], [0.3, 1.0, 0.1], [0.0, 0.1, 1.5]]))
+VARIABLE_MASS = spring(mass_matrix=lambda self, t, q: jnp.diag(1.0 + 0.3 * q**2))
+DAMPED = spring(force=lambda self, t, q, v: Spring.force(self, t, q, v) - 0.2 * v)
+BREATHING = spring(constraint=_on_sphere(lambda t: 1.0 + 0.1 * jnp.sin(t)))
+SKATE = spring(velocity_constraint=lambda self, t, q, v: jnp.stack([v[2] - 0.2 * q[1] * v[0]]))
+CUBIC = spring(constraint=_on_sphere(lambda t: 1.0), reaction=lambda self, t, q, lam: -q * (lam[0] + 1e-3 * lam[0] ** 3))
+MEASURED = spring(  # by functions that no solver uses
+    energy=_energy,
+    power=lambda self, t, q, v, lam, mu: jnp.zeros(()),
+    invariants=lambda self, t, q, v: {"about the vertical": q[0] * v[1] - q[1] * v[0]},
+)
 
 
 class Chain(hb.System):
