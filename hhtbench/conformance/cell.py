@@ -101,8 +101,8 @@ def family(id: str, parameter: str, known: Known | None = None) -> Callable[[Cal
 
     def register(cells: Callable[[int], Iterable[Cell]]) -> Entry:
         sentence = (cells.__doc__ or "").partition("\n")[0]
-        given = {"lane": Lane.extremes, "parameter": parameter, "known": known or {}}
-        return Entry(id=id, sentence=sentence, measure=measure, cells=cells, **given)
+        made = Entry(id=id, sentence=sentence, measure=measure, cells=cells, lane=Lane.extremes, parameter=parameter)
+        return replace(made, known=known or {})
 
     return register
 
