@@ -14,7 +14,7 @@ import pytest
 import hhtbench as hb
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.run import run_cell
-from hhtbench.testing.extremes.linkages import DoublePendulum
+from hhtbench.conformance.scenes.linkages import DoublePendulum
 from tests.hht.test_leaps import HEIGHT, Loaded
 from tests.hht.test_singular_positions import BARS, FLAT, stop_runs
 

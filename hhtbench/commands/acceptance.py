@@ -15,13 +15,13 @@ from hhtbench.output import FAILED, json_option, require_folder, write_json
 from hhtbench.progress import progress
 
 if TYPE_CHECKING:
-    from hhtbench.studies.acceptance.rows import Outcome, Row
+    from hhtbench.conformance.entry import Entry, Outcome
 
 
 @click.command("acceptance")
 @click.argument("rows", nargs=-1)
 @click.option("--solver", "solvers", multiple=True, help="A column, or a solver of your own.  [default: all columns]")
-@click.option("--fast", is_flag=True, help="Leave out what takes minutes.")
+@click.option("--fast", is_flag=True, help="Leave out the slow lane, which takes minutes.")
 @json_option
 def acceptance_command(rows: tuple[str, ...], solvers: tuple[str, ...], fast: bool, json_file: Path | None) -> None:
     """Measure ROWS of the acceptance matrix at the extremes, by default all; exit 1 where one fails with HHT.
@@ -29,19 +29,19 @@ def acceptance_command(rows: tuple[str, ...], solvers: tuple[str, ...], fast: bo
     For example: hhtbench study acceptance M C3 --solver hht --solver ida
     """
     with ends_at_once():
-        from hhtbench.studies.acceptance.study import chosen_rows, shown, study_acceptance
+        from hhtbench.conformance.acceptance import chosen_rows, shown, study_acceptance
 
     require_folder(json_file)
-    count = len(chosen_rows(rows, long=not fast))
+    count = len(chosen_rows(rows, slow=not fast))
     with progress() as told:
 
-        def tell(measured: Row, outcomes: Sequence[Outcome]) -> None:
+        def tell(measured: Entry, outcomes: Sequence[Outcome]) -> None:
             told.show(shown(measured, outcomes))
             told.advance("rows", next(done), count)
 
         done = itertools.count(1)
         told.advance("rows", 0, count)
-        found = study_acceptance(rows, solvers, long=not fast, tell=tell)
+        found = study_acceptance(rows, solvers, slow=not fast, tell=tell)
     click.echo(f"\n{found.summary}")
     write_json(found.as_dict(), json_file)
     sys.exit(0 if found.passed else FAILED)

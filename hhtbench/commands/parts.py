@@ -24,7 +24,7 @@ def parts_command(rounds: int, json_file: Path | None) -> None:
     For example: hhtbench study parts --json parts.json
     """
     with ends_at_once():
-        from hhtbench.studies.parts.study import study_parts
+        from hhtbench.conformance.parts.study import study_parts
 
     require_folder(json_file)
     with progress() as told:

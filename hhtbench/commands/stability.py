@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +13,8 @@ from hhtbench.output import json_option, require_folder, write_json
 from hhtbench.progress import progress
 
 if TYPE_CHECKING:
-    from hhtbench.studies.stability.workers import Batch, Measured
+    from hhtbench.conformance.entry import Outcome
+    from hhtbench.conformance.stability.workers import Batch
 
 
 @click.command("stability")
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 @click.option("--seed", type=int, default=0, show_default=True, help="Of what is drawn.")
 @click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Worker processes.")
 @click.option("--small", is_flag=True, help="Only the cells by which solvers from elsewhere are checked.")
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Write tables and sentences to this file.")
 @click.option(
     "--report", "folder", type=click.Path(file_okay=False, path_type=Path), help="Write stability.html into this folder."
 )
@@ -34,47 +33,39 @@ def stability_command(
     seed: int,
     jobs: int,
     small: bool,
-    out: Path | None,
     folder: Path | None,
     json_file: Path | None,
 ) -> None:
     """Measure solvers along every axis of the extremes: arrived rightly, ended early, out of budget, silently wrong.
 
-    A letter a cell, along the parameter: r right, n ended early with a status, b out of budget, t wrong and told so by the
-    message, W silently wrong, C crashed or hung, - declined.
+    A letter a cell, along the parameter: r right, n ended early with a status, b out of budget, m wrong with a message that
+    names the cause, W silently wrong, C crashed, H hung, - declined.
     For example: hhtbench study stability --only stiffness --solver hht --solver ida
     """
     with ends_at_once():
-        from hhtbench.studies.stability.newton import efforts
-        from hhtbench.studies.stability.page import write_stability
-        from hhtbench.studies.stability.study import study_stability
-        from hhtbench.studies.stability.tables import markdown
+        from hhtbench.conformance.stability.page import write_stability
+        from hhtbench.conformance.stability.study import study_stability
 
-    for file in (out, json_file):
-        require_folder(file)
+    require_folder(json_file)
     with progress() as told:
 
-        def tell(batch: Batch, measured: Sequence[Measured]) -> None:
+        def tell(batch: Batch, measured: Sequence[Outcome]) -> None:
             told.show(_shown(batch, measured))
 
         found = study_stability(only, solvers, seed=seed, jobs=jobs, small=small, tell=tell, progress=told.advance)
     click.echo()
     for solver in found.solvers:
         click.echo(found.sentence(solver))
-    for effort in efforts(found):
-        click.echo(effort)
-    if out is not None:
-        out.write_text(markdown(found), encoding="utf-8")
     if folder is not None:
         click.echo(f"written: {write_stability(found, folder)}")
-    write_json({**found.as_dict(), "newton": [asdict(effort) for effort in efforts(found)]}, json_file)
+    write_json(found.as_dict(), json_file)
 
 
-def _shown(batch: Batch, measured: Sequence[Measured]) -> str:
+def _shown(batch: Batch, measured: Sequence[Outcome]) -> str:
     """One batch as letters."""
-    from hhtbench.studies.stability.study import letters
+    from hhtbench.conformance.stability.study import letters
 
-    seconds = sum(x.outcome.seconds for x in measured)
-    lines = [f"{batch.axis}, {batch.solver} [{seconds:.0f} s]"]
+    seconds = sum(x.seconds for x in measured)
+    lines = [f"{batch.family}, {batch.solver} [{seconds:.0f} s]"]
     lines += [f"    {text} {line}" for line, text in letters(measured)[batch.solver].items()]
     return "\n".join(lines)

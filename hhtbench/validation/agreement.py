@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from hhtbench.conformance import Agreement
+from hhtbench.conformance.pairwise import Motion, agreement_of
 from hhtbench.evidence import Row
 from hhtbench.protocol import Problem
 from hhtbench.specs import parse_spec
 from hhtbench.store import RunRow
-from hhtbench.testing import Agreement
-from hhtbench.testing.pairwise import Motion, agreement_of
 from hhtbench.validation.verdict import AGREEMENT, Kind, Verdict, effort, short
 
 FAMILIES = 2  # solvers of so many libraries must agree where there is no reference

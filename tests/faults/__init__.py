@@ -1,1 +1,1 @@
-"""Faults planted into copies of the sources: do the checks of ``hhtbench.testing`` find them?"""
+"""Faults planted into copies of the sources: do the checks of ``hhtbench.conformance`` find them?"""

@@ -7,8 +7,8 @@ import re
 import numpy as np
 
 from hhtbench import ProblemError, Solution, Status
+from hhtbench.conformance.subject import expect
 from hhtbench.lowering import CONSISTENT
-from hhtbench.testing.subject import expect
 from solvers.hht.step.newton import NewtonOptions
 from tests.fuzz import formulas
 from tests.fuzz.judge import CLEAR

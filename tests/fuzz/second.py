@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhtbench import Solution
-from hhtbench.testing.subject import expect
+from hhtbench.conformance.subject import expect
 from tests.fuzz.mechanism import Unit
 from tests.fuzz.oracles import EPS, ROUNDED, TOLERANCES, number, own_equations, rounding, sizes
 from tests.fuzz.runs import HOSTILE, Setting

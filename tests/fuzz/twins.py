@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from hhtbench import Solution
-from hhtbench.testing.subject import expect
+from hhtbench.conformance.subject import expect
 from solvers.hht import Event
 from tests.fuzz.oracles import TOLERANCES, clear, on_levels
 from tests.fuzz.runs import Found, Setting

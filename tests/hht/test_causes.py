@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.conformance.scenes.linkages import DoublePendulum
 from hhtbench.counting import Work
 from hhtbench.result import Status
-from hhtbench.testing.extremes.linkages import DoublePendulum
 from solvers._start import Place
 from solvers.hht.options import make_options
 from solvers.hht.run.causes import alternating_vibration, fastest, unresolved_forces

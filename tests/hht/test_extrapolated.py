@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum_angles
 from hhtbench.errors import ProblemError
 from hhtbench.request import Request
 from hhtbench.result import Status
-from hhtbench.testing.extremes.linkages import DoublePendulum, double_pendulum_angles
 from solvers.hht import HHT
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.verify.measure import Case, refine, scaled_drift

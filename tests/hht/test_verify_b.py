@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hhtbench.testing.extremes.linkages import DoublePendulum
+from hhtbench.conformance.scenes.linkages import DoublePendulum
 from solvers.hht import HHT
 from solvers.hht.verify import weights
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.testing.scenes.pendulum import pendulum
+from hhtbench.conformance.scenes.pendulum import pendulum
 
 PROBLEM = pendulum().problem
 TIMES = np.linspace(*PROBLEM.t_span, 9)

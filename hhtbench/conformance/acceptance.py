@@ -1,0 +1,111 @@
+"""``hhtbench study acceptance``: the rows of the acceptance matrix, one after the other, with every solver asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from hhtbench.conformance.entry import Entry, Kind, Lane, Outcome, as_known
+from hhtbench.conformance.registry import ROWS, chosen
+from hhtbench.conformance.subject import COLUMNS, Subject
+
+
+@dataclass(frozen=True, kw_only=True)
+class Acceptance:
+    """What :func:`study_acceptance` found."""
+
+    rows: tuple[Entry, ...]
+    outcomes: tuple[Outcome, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no row fails with HHT; one that holds in part, or is known to fail, is no failure."""
+        return all(x.kind.good for x in self.outcomes if x.solver.startswith("hht"))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return {
+            "schema": "hhtbench.acceptance/2",
+            "rows": [{"id": x.id, "goes_in": x.goes_in, "expected": x.sentence, "lane": x.lane.name} for x in self.rows],
+            "outcomes": [{**asdict(x), "kind": x.kind.name} for x in self.outcomes],
+        }
+
+    @property
+    def summary(self) -> str:
+        """A line a solver: how many rows ended in each way, and which; then those that only this study measures."""
+        lines = [self._line(solver) for solver in dict.fromkeys(x.solver for x in self.outcomes)]
+        slow = [x.id for x in self.rows if x.lane is Lane.slow]
+        only = f"in the slow lane, measured by this study only: {', '.join(slow)}"
+        return "\n".join(lines + [only] * bool(slow))
+
+    def _line(self, solver: str) -> str:
+        found = [x for x in self.outcomes if x.solver == solver]
+        parts = [f"{sum(x.kind is Kind.right for x in found)} rows hold"]
+        for kind in Kind:
+            ids = [x.id for x in found if x.kind is kind]
+            if ids and kind is not Kind.right:
+                named = "" if kind is Kind.declined else f" ({', '.join(ids)})"
+                parts.append(f"{len(ids)} {SUMMARY.get(kind, kind.label)}{named}")
+        return f"{solver}: {', '.join(parts)}"
+
+
+SUMMARY = {
+    Kind.wrong: "fail",
+    Kind.crashed: "fail with an exception",
+    Kind.hung: "do not end",
+    Kind.declined: "cannot be asked",
+    Kind.in_part: "hold in part",
+    Kind.elsewhere: "have tests of their own, not run",
+    Kind.expected: "fail as is known",
+    Kind.unexpected: "no longer fail as is known",
+}
+
+
+def chosen_rows(ids: Sequence[str], *, slow: bool = True) -> tuple[Entry, ...]:
+    """Rows with an id, or whose id begins with one of the letters; none given: all."""
+    return tuple(x for x in chosen(ROWS, ids, "row") if slow or x.lane is not Lane.slow)
+
+
+def measured(row: Entry, subject: Subject, *, timed: bool = True, run_tests: bool = False) -> Outcome:
+    """A row with a solver; one that is known to fail has to."""
+    cases, reason = row.known_of(subject)
+    return as_known(row.run(subject, timed=timed, run_tests=run_tests), reason, cases)
+
+
+def study_acceptance(
+    ids: Sequence[str] = (),
+    solvers: Sequence[str] = (),
+    *,
+    slow: bool = True,
+    tell: Callable[[Entry, Sequence[Outcome]], None] = lambda row, outcomes: None,
+) -> Acceptance:
+    """Measure the rows ``ids`` with ``solvers``, one row after the other; ``tell`` hears of each.
+
+    ``slow``: with those that take minutes, among them rows that are held by tests, which are run where they are at hand.
+    """
+    rows, columns = chosen_rows(ids, slow=slow), [Subject.column(name) for name in solvers or COLUMNS]
+    outcomes: list[Outcome] = []
+    for row in rows:
+        asked = columns if row.measure else columns[:1]
+        found = [measured(row, subject, run_tests=slow) for subject in asked]
+        tell(row, found)
+        outcomes += found
+    return Acceptance(rows=rows, outcomes=tuple(outcomes))
+
+
+def shown(row: Entry, outcomes: Sequence[Outcome]) -> str:
+    """A row as text: its two sentences and a line a solver."""
+    lines = [f"{row.id}: {row.goes_in}", f"    expected: {row.sentence}"]
+    return "\n".join(
+        lines + [f"    {VERDICTS.get(x.kind, 'FAILS'):<7} {x.solver:<13} {x.message} [{x.seconds:.2g} s]" for x in outcomes]
+    )
+
+
+VERDICTS = {
+    Kind.right: "holds",
+    Kind.declined: "-",
+    Kind.elsewhere: "tests",
+    Kind.in_part: "in part",
+    Kind.expected: "known",
+}

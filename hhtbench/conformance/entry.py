@@ -1,0 +1,284 @@
+"""The one form of every check of a solver: an entry, the lane in which it is run, and the outcomes it can have.
+
+An entry has an id, a sentence, what it needs of a solver, and known failures with their reasons.  It is computed in one of
+three ways, each made by a decorator:
+
+``claim(id, *scenes, parts=(), needs=(), known={})``
+    An assertion: ``measure(subject)``, or ``measure(subject, case)`` once for each scene or part.  It raises
+    ``AssertionError`` where the claim does not hold.  The sentence is the first line of its docstring.
+``row(id, goes_in, expected, lane=Lane.fast, gap="", known={}, needs=())``
+    A row of the acceptance matrix: ``measure(subject)`` returns a :class:`Finding`, a measured value and whether it is
+    within its bound, with the names of the cases that are not.  ``tested(id, goes_in, expected, *tests)`` is a row that
+    tests of its own hold, since its question is no solve (rows K1 to K12); the entry names them.
+``family(id, parameter, known={})`` (in :mod:`.cell`)
+    An axis: a function of a seed that yields cells, each with the value x of the parameter, a problem, a request and what is
+    expected; every cell is solved and judged in the same way.
+
+All three are measured by :meth:`Entry.run`, which returns an :class:`Outcome` and raises nothing.  What is known to fail is
+applied by :func:`as_known`, which is strict: a case that is known to fail and passes is a failure.
+
+The rows of the acceptance matrix live in ``hhtbench/conformance/rows``, a module a section; a row takes a ``Subject``:
+``subject.ask(problem, alpha=None, **request)`` is one solve within a bound of time; ``ways()``, ``hht(system)`` and
+``fresh(**options)`` are as its docstrings say.  A row that every solver can be asked, and that takes little time, is
+one of the claims of ``check_solver`` too: ``row(..., every_solver=True)``.  Then no claim of the same content is needed.
+
+:mod:`.registry` lists the entries; :mod:`.subject` is the solver that they are asked of; :mod:`.scenes` are the mechanisms.
+"""
+
+from __future__ import annotations
+
+import enum
+import inspect
+import time
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+from unittest import SkipTest
+
+from hhtbench.conformance.tests import run_tests_named
+
+if TYPE_CHECKING:
+    from hhtbench.conformance.cell import Cell
+    from hhtbench.conformance.subject import Subject
+
+
+class Lane(enum.Enum):
+    """Who runs an entry."""
+
+    fast = "fast"  #: `make test`, and `check_solver`
+    slow = "slow"  #: takes longer than tests may: `hhtbench study acceptance` alone
+    extremes = "extremes"  #: `hhtbench study stability`; `check_solver(suite="extremes")` takes some cells of each
+
+
+class Kind(enum.Enum):
+    """How an entry ended with a solver; ``letter`` stands for it where room is short."""
+
+    right = ("right", "r", "as expected: it arrived, the error as small as is expected")
+    named = ("named", "n", "ended early, with a status that says so")
+    budget = ("budget", "b", "out of its budget of time or steps")
+    warned = ("warned", "m", "arrived with a larger error, whose cause its message names")
+    wrong = ("wrong", "W", "not as expected, and it did not say so")
+    crashed = ("crashed", "C", "raised an exception, or ended its process")
+    hung = ("hung", "H", "ran on beyond its budget and was ended")
+    declined = ("declined", "-", "cannot be asked this; it says why")
+    in_part = ("in part", "p", "what was measured is as expected, but it is not all of the row")
+    elsewhere = ("tests", "e", "held by the tests that are named, which were not run")
+    expected = ("fails as expected", "x", "a known failure")
+    unexpected = ("passes unexpectedly", "X", "a known failure that no longer fails")
+
+    def __init__(self, label: str, letter: str, text: str) -> None:
+        self.label = label
+        self.letter = letter
+        self.text = text
+
+    @property
+    def misleading(self) -> bool:
+        """Whether it ended otherwise than a caller can rely on."""
+        return self in (Kind.wrong, Kind.crashed, Kind.hung)
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing is to be done."""
+        return not self.misleading and self is not Kind.unexpected
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of a solver in one case of an entry."""
+
+    kind: Kind
+    message: str = ""  #: what was measured, how the solve ended, or why it was declined
+    id: str = ""  #: of the entry
+    case: str = ""  #: scene of a claim, "line/x" of a family
+    solver: str = ""
+    failing: tuple[str, ...] = ()  #: cases of a row that are not as expected
+    seconds: float = 0.0  #: on the clock, compilation included
+    x: float | None = None  #: value of a family's parameter
+    line: str = ""  #: what else differs within a family
+    status: str = ""  #: how the one solve of a cell ended
+    errors: Mapping[str, float] = field(default_factory=dict)  #: of what a cell expects, where it arrived
+    share: float | None = None  #: largest error over what is allowed
+    steps: int | None = None
+    evaluations: int | None = None
+    attempts: int | None = None  #: of steps: those accepted and those rejected
+    newton_iterations: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """A measured value, and whether it is within its bound."""
+
+    measured: str
+    holds: bool
+    in_time: bool = True  #: where a row allows so many seconds, which a loaded machine may exceed
+    failing: tuple[str, ...] = ()  #: cases that are not as expected, where a row has cases
+
+
+Known = Mapping[str, tuple[tuple[str, ...], str]]  #: solver -> (cases that fail, or none: the whole entry; the reason)
+Measure = Callable[..., Finding | Outcome | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Entry:
+    """One check of a solver; measured by :meth:`run`."""
+
+    id: str  #: "nan/force", "M1", "stiffness"
+    sentence: str  #: what is claimed; of a row what is expected, of a family where the expectation comes from
+    measure: Measure | None  #: None: held by ``tests`` alone
+    needs: tuple[str, ...] = ()  #: of a solver, as :meth:`Subject.lacks` knows them
+    scenes: tuple[str, ...] = ()  #: of a claim that is made once on each
+    parts: tuple[str, ...] = ()  #: of a claim that is made once for each
+    cells: Callable[[int], Iterable[Cell]] | None = None  #: of a family, by seed
+    lane: Lane = Lane.fast
+    known: Known = field(default_factory=dict)  #: failures, strict
+    goes_in: str = ""  #: of a row
+    tests: tuple[str, ...] = ()  #: that hold a row, as pytest names them
+    every_solver: bool = False  #: a row that `check_solver` asks too
+    gap: str = ""  #: what of a row neither measurement nor tests show
+    parameter: str = ""  #: of a family, with its unit
+
+    def cases(self, seed: int = 0) -> Iterator[tuple[str | Cell, ...]]:
+        """What :meth:`run` takes after the subject: nothing, a scene or a part of a claim, or a cell of a family."""
+        if self.cells is not None:
+            yield from ((cell,) for cell in self.cells(seed))
+        else:
+            cases: list[tuple[str, ...]] = [(case,) for case in self.scenes + self.parts]
+            yield from cases or [()]
+
+    def name(self, *case: str | Cell) -> str:
+        """Of the check that a case is: "position/order", "nan/force", "stiffness/h = 0.01 s/1e+12", "M1"."""
+        return self.id if not case else f"{case[0]}/{self.id}" if self.scenes else f"{self.id}/{case[0]}"
+
+    def run(self, subject: Subject, *case: str | Cell, timed: bool = True, run_tests: bool = False) -> Outcome:
+        """Measure one case; whatever is raised is how it ended.
+
+        Parameters
+        ----------
+        subject
+            The solver.
+        case
+            As :meth:`cases` gives it.
+        timed
+            Whether being late fails a row.
+        run_tests
+            Run the tests of a row that they alone hold; some take minutes.
+        """
+        began = time.perf_counter()
+        found = self._measured(subject, case, timed, run_tests)
+        if self.gap and found.kind in (Kind.right, Kind.elsewhere):
+            found = replace(found, kind=Kind.in_part, message=f"{found.message}; not shown: {self.gap}")
+        name = str(case[0]) if case else ""
+        return replace(found, id=self.id, case=name, solver=subject.name, seconds=time.perf_counter() - began)
+
+    def _measured(self, subject: Subject, case: tuple[str | Cell, ...], timed: bool, run_tests: bool) -> Outcome:
+        if self.measure is None:
+            kind, message, failing = run_tests_named(self.tests, run_tests)
+            return Outcome(kind=Kind[kind], message=message, failing=failing)
+        lacking = next(filter(None, map(subject.lacks, self.needs)), "")
+        if lacking:
+            return Outcome(kind=Kind.declined, message=lacking)
+        with warnings.catch_warnings():
+            if self.goes_in:
+                warnings.simplefilter("ignore")
+            return outcome_of(partial(self.measure, subject, *case), timed)
+
+    def known_of(self, subject: Subject) -> tuple[tuple[str, ...], str]:
+        """Cases that are known to fail with a solver, none where all do, and the reason; "" where nothing is known."""
+        return self.known.get(subject.name) or self.known.get(subject.target) or ((), "")
+
+    def reason(self, subject: Subject, *case: str | Cell) -> str:
+        """Why a case of a claim or of a family is known to fail; "" where it is not."""
+        cases, reason = self.known_of(subject)
+        return reason if not cases or (case and str(case[0]) in cases) else ""
+
+
+def outcome_of(measure: Measure, timed: bool = True) -> Outcome:
+    """What a measurement returns or raises, as an outcome; ``timed``: a finding that is late is wrong."""
+    try:
+        found = measure()
+    except SkipTest as declined:
+        return Outcome(kind=Kind.declined, message=str(declined))
+    except AssertionError as fault:
+        return Outcome(kind=Kind.wrong, message=str(fault))
+    except Exception as error:  # noqa: BLE001 - whatever is raised, the entry does not hold
+        return Outcome(kind=Kind.crashed, message=f"{type(error).__name__}: {error}")
+    if isinstance(found, Finding):
+        holds = found.holds and (found.in_time or not timed)
+        return Outcome(kind=Kind.right if holds else Kind.wrong, message=found.measured, failing=found.failing)
+    return found or Outcome(kind=Kind.right)
+
+
+def as_known(found: Outcome, reason: str, cases: tuple[str, ...] = ()) -> Outcome:
+    """``found`` where it is known to fail for ``reason``, of a row in just these ``cases``; no reason: as it is."""
+    if not reason or found.kind in (Kind.declined, Kind.elsewhere):
+        return found
+    passing = set(cases) - set(found.failing)
+    if found.kind.good or passing:
+        which = f"in {', '.join(sorted(passing))} " if cases else ""
+        text = f"it passes, but was expected to fail {which}({reason}); take it out of what is known to fail"
+        return replace(found, kind=Kind.unexpected, message=text)
+    others = set(found.failing) - set(cases) if cases else ()
+    return found if others else replace(found, kind=Kind.expected, message=f"{reason} ({found.message})")
+
+
+def claim(
+    id: str, *scenes: str, parts: Iterable[str] = (), needs: tuple[str, ...] = (), known: Known | None = None
+) -> Callable[[Measure], Measure]:
+    """Make an assertion the claim ``id`` of its module; with ``scenes`` or ``parts`` once for each."""
+
+    def register(measure: Measure) -> Any:
+        sentence = (inspect.getdoc(measure) or "").partition("\n")[0]
+        made = Entry(id=id, sentence=sentence, measure=measure, scenes=scenes, parts=tuple(parts), needs=needs)
+        measure.entry = replace(made, known=known or {})  # type: ignore[attr-defined]
+        return measure
+
+    return register
+
+
+def row(
+    id: str,
+    goes_in: str,
+    expected: str,
+    *,
+    lane: Lane = Lane.fast,
+    gap: str = "",
+    known: Known | None = None,
+    needs: tuple[str, ...] = (),
+    every_solver: bool = False,
+) -> Callable[[Measure], Measure]:
+    """Make a measurement the row ``id`` of its module."""
+
+    def register(measure: Measure) -> Any:
+        made = Entry(id=id, sentence=expected, goes_in=goes_in, measure=measure, lane=lane, gap=gap, needs=needs)
+        measure.entry = replace(made, known=known or {}, every_solver=every_solver)  # type: ignore[attr-defined]
+        return measure
+
+    return register
+
+
+def tested(id: str, goes_in: str, expected: str, *tests: str, gap: str = "") -> Entry:
+    """A row that tests of their own hold, but for the ``gap``."""
+    return Entry(id=id, sentence=expected, goes_in=goes_in, measure=None, tests=tests, gap=gap)
+
+
+def entries_of(module: ModuleType) -> list[Entry]:
+    """Of a module, in the order in which they are written."""
+    found = (getattr(value, "entry", value) for value in vars(module).values())
+    return [x for x in found if isinstance(x, Entry)]
+
+
+def bounded(value: float, bound: float, what: str = "") -> Finding:
+    """A number that must not be larger than ``bound``; NaN is."""
+    return Finding(measured=f"{what} {value:.2g} of {bound:g} allowed".strip(), holds=bool(value <= bound))
+
+
+def every(faults: Mapping[str, str], also: str = "", *, in_time: bool = True) -> Finding:
+    """Cases with the fault of each, "" where it behaves as expected: how many do, and the first two that do not."""
+    wrong = {case: fault for case, fault in faults.items() if fault}
+    first = "; ".join(f"{case}: {fault}" for case, fault in list(wrong.items())[:2])
+    parts = [f"{len(faults) - len(wrong)} of {len(faults)} cases", also, first]
+    holds = not wrong and bool(faults)
+    return Finding(measured="; ".join(filter(None, parts)), holds=holds, in_time=in_time, failing=tuple(wrong))

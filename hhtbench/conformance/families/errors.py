@@ -1,0 +1,100 @@
+"""Errors against what is known of a motion: its closed solution, the levels of its constraints, its energy."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.conformance.cell import Error, Expected
+from hhtbench.protocol import Problem
+from hhtbench.result import Solution
+
+
+def motion(most: float) -> dict[str, Expected]:
+    """q and v are those of the closed solution, scaled, at every row."""
+    return {"motion": Expected(error=off, most=most)}
+
+
+REACTION = 10.0  # error of multipliers over that of the motion: they hold accelerations
+HALF = 0.5  # of the multipliers' scale: an error above it is a reaction that does not act, or acts twice
+
+
+def reacting(most: float) -> dict[str, Expected]:
+    """The same, and the multipliers, ten times less exactly."""
+    return motion(most) | {"reaction": Expected(error=off_reaction, most=min(REACTION * most, HALF))}
+
+
+def reacting_by(rows: Matrix, most: float) -> dict[str, Expected]:
+    """The same, where ``rows`` (m, p) of p constraints share a reaction that is known in their sum only."""
+
+    def error(problem: Problem, found: Solution) -> float:
+        return float(np.max(np.abs((exact(problem, found, "lam") - found.lam) @ rows)[1:]))
+
+    return motion(most) | {"reaction": Expected(error=error, most=min(REACTION * most, HALF))}
+
+
+def off_reaction(problem: Problem, found: Solution) -> float:
+    """Largest scaled error of the multipliers over the rows but the first, which may hold those before a jump."""
+    return float(np.max(np.abs(exact(problem, found, "lam") - found.lam)[1:] / problem.scales.lam))
+
+
+def off(problem: Problem, found: Solution, *further: Solution) -> float:
+    """Largest scaled error of q and v over the rows."""
+    parts = ((exact(problem, found, name) - getattr(found, name)) / getattr(problem.scales, name) for name in ("q", "v"))
+    return float(np.max([np.max(np.abs(part)) for part in parts]))
+
+
+def own_multipliers(found: Solution) -> Matrix:
+    """Those (k, m) that the solver itself holds, where it holds some."""
+    return found.lam if found.carried is None else np.asarray(found.carried["lam"])
+
+
+def exact(problem: Problem, found: Solution, name: str) -> Matrix:
+    """``q``, ``v`` or ``lam`` of the closed solution at the rows, (k, n) or (k, m)."""
+    if problem.exact is None:
+        raise ValueError(f"{problem.name} has no closed solution")
+    return np.array([getattr(problem.exact(float(t)), name) for t in found.t])
+
+
+def along(direction: Any) -> Error:
+    """Error of q and v, scaled, along a ``direction`` (n,) of unit length."""
+    u = np.asarray(direction, dtype=np.float64)
+
+    def error(problem: Problem, found: Solution) -> float:
+        q, v = (np.abs((exact(problem, found, name) - getattr(found, name)) @ u) for name in ("q", "v"))
+        return float(np.max([np.max(q) / np.max(problem.scales.q), np.max(v) / np.max(problem.scales.v)]))
+
+    return error
+
+
+def at_the_end(problem: Problem, found: Solution) -> float:
+    """Largest scaled error of q at the last row, against the closed solution or else the certified reference."""
+    if problem.exact is not None:
+        known = problem.exact(float(found.t[-1])).q
+    elif problem.reference is not None:
+        known = np.asarray(problem.reference["q"])[-1]
+    else:
+        raise ValueError(f"nothing is known of the motion of {problem.name}")
+    return float(np.max(np.abs(known - found.q[-1]) / problem.scales.q))
+
+
+def held(violated: Callable[[float, Vector, Vector], Any]) -> Error:
+    """Largest violation of constraints over the rows, in their own units."""
+
+    def error(problem: Problem, found: Solution, *further: Solution) -> float:
+        return float(np.max([np.max(np.abs(violated(*row))) for row in zip(found.t, found.q, found.v, strict=True)]))
+
+    return error
+
+
+def kept(quantity: Callable[[Vector, Vector], float], size: float) -> Error:
+    """Largest change of ``quantity(q, v)`` over the rows, over its ``size``."""
+
+    def error(problem: Problem, found: Solution) -> float:
+        values = np.array([quantity(q, v) for q, v in zip(found.q, found.v, strict=True)])
+        return float(np.max(np.abs(values - values[0])) / size)
+
+    return error

@@ -1,0 +1,156 @@
+"""Derivatives that are wrong, linear algebra, and events (rows J1 to J5, E1, E2)."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+import hhtbench as hb
+from hhtbench.conformance.rows.judging import Cases, apart, arrives, between, ends, refuses, row, within
+from hhtbench.conformance.scenes.rod import (
+    ALTOGETHER_WRONG,
+    Q0,
+    SLIGHTLY_WRONG,
+    WRONG_JACOBIANS,
+    Rod,
+    claiming,
+    plane,
+    problem,
+)
+from hhtbench.conformance.subject import Declined, Subject
+
+
+def _wrong(subject: Subject, changes: dict[str, Any], *others: hb.Status, least: float = 0.0) -> Cases:
+    """Against the right one; ``least``: iterations of HHT over its own, where one is needed."""
+    for way, request in subject.alphas({"step": 0.005}, {"rtol": 1e-6}).items():
+        right = subject.ask(claiming(lambda x: x), (0.0, 0.1), **request)
+        speed, allowed = np.abs(right.v).max(), 1e-9 if subject.is_hht else 1e-4
+        for case, change in changes.items():
+            found = subject.ask(claiming(change), (0.0, 0.1), **request)
+            off = within(apart(found, right) / speed, allowed, "over the speed, off by")
+            yield f"{case} {way}".strip(), off if found.success else ends(found, *others, words=("force_jac",))
+            if found.success and least:
+                more = (found.counters.newton_iterations or 0) / max(right.counters.newton_iterations or 1, 1)
+                yield (
+                    f"{case} {way}, iterations",
+                    between(more, least, np.inf, "times the iterations:") if subject.is_hht else "",
+                )
+
+
+@row("J1", "declared force Jacobian wrong by 10 %, twice as large", "result, more iterations")
+def slightly_wrong(subject: Subject) -> Cases:
+    """HHT uses the Jacobian as it is declared."""
+    return _wrong(subject, SLIGHTLY_WRONG, hb.Status.success, least=1.05)
+
+
+CRAWLS = {"ida": (("1e6",), "a Jacobian that is wrong by 1e6: at 6.6e-4 to 1.1e-2 s after 20 s")}
+
+
+@row(
+    "J2",
+    "its sign, zero, transposed, 1e6 times",
+    "result by differences, or newton_failed; never silently wrong",
+    known=CRAWLS,
+)
+def altogether_wrong(subject: Subject) -> Cases:
+    """As a failure says, or right."""
+    return _wrong(subject, ALTOGETHER_WRONG, hb.Status.newton_failed)
+
+
+@row("J3", "Jacobians NaN, of the wrong shape", "nonfinite_callback with the name; refused with the shapes")
+def broken(subject: Subject, request: dict[str, Any]) -> Cases:
+    """Of force and constraint."""
+    zeros, long = np.zeros((2, 2)), (np.zeros((2, 3)), np.zeros((3, 2)))
+    for name, nan, wrong in (
+        ("force_jacobians", (zeros * np.nan,) * 2, long),
+        ("constraint_jacobian", Q0[None, :] * np.nan, long[1]),
+    ):
+        found = subject.ask(plane(**{name: lambda *x, nan=nan: nan}), **request)
+        yield f"{name} NaN", ends(found, hb.Status.nonfinite_callback, words=(name,))
+        yield f"{name} shape", refuses(partial(subject.ask, plane(**{name: lambda *x, wrong=wrong: wrong}), **request), name)
+
+
+@row("J4", "hhtbench check on the faults of J1 to J3", "each named, with its worst entry")
+def checked(subject: Subject) -> Cases:
+    """No solver takes part: the check of a problem."""
+    subject.hht(Rod())
+    cases = {case: (claiming(change), "derivative/force_q", "given ") for case, change in WRONG_JACOBIANS.items()}
+    nan = plane(force_jacobians=lambda *x: (np.full((2, 2), np.nan),) * 2)
+    shape = plane(force_jacobians=lambda *x: (np.zeros((2, 3)), np.zeros((3, 2))))
+    cases |= {
+        "NaN": (nan, "derivative/force_q", "[0, 0] = nan"),
+        "shape": (shape, "shape/force_jacobians", "(2, 3)"),
+    }
+    for case, (system, id, words) in cases.items():
+        failed = {x.id: str(x.measured) for x in hb.check(problem(system)).rows if x.passed is False}
+        yield case, "" if words in failed.get(id, "") else f"{failed.get(id, 'nothing')}, without {words!r}"
+
+
+@row("J5", "dense, banded, sparse linear algebra", "equal to 1e-11")
+def linear_algebra(subject: Subject) -> Cases:
+    """A chain of 40 links at fixed steps."""
+    given = hb.load_problem("planar_chain(n_links=40)")
+    dense, *others = (
+        subject.hht(given.system, linsolver=kind).solve((0.0, 0.05), given.q0, given.v0, step=0.005)
+        for kind in ("dense", "band", "sparse")
+    )
+    for case, found in zip(("band", "sparse"), others, strict=True):
+        yield case, within(apart(found, dense) / max(1.0, np.abs(dense.v).max()), 1e-11, "differ by")
+
+
+FREE = hb.NumpySystem(force=lambda t, q, v: np.zeros(1))  # with v = 1 the coordinate is the time
+JUMP = 0.123456789  # [s]
+EVENTS: dict[str, tuple[hb.Event, list[float]]] = {  # with the times at which they are to be found
+    "at t0": (hb.Event(lambda t, q, v: q[0]), []),
+    "at t1": (hb.Event(lambda t, q, v: q[0] - 1.0), [1.0]),
+    "two": (hb.Event(lambda t, q, v: (q[0] - 0.3) * (q[0] - 0.304), samples=20), [0.3, 0.304]),
+    "jump": (hb.Event(lambda t, q, v: np.sign(q[0] - JUMP)), [JUMP]),
+}
+
+
+class Own(Exception):
+    """Of an event."""
+
+
+def _raising(t: float, q: Any, v: Any) -> float:
+    if q[0] > 0.5:
+        raise Own
+    return 1.0
+
+
+def _with(subject: Subject, event: hb.Event, **request: Any) -> hb.Solution:
+    if not subject.is_hht:
+        raise Declined("the adapters have no events")
+    return subject.ask(FREE, (0.0, 1.0), q0=[0.0], v0=[1.0], events=event, **request)
+
+
+@row(
+    "E1",
+    "zero at t0; at t1; two in a step; tangent; NaN; raising; jump",
+    "none; one; both; any; its status; its type; to 1e-9",
+)
+def events(subject: Subject, request: dict[str, Any]) -> Cases:
+    """On a coordinate that is the time; of a tangent nothing is promised."""
+    for case, (event, expected) in EVENTS.items():
+        found = _with(subject, event, **request)
+        times = np.asarray(found.t_events[0])
+        good = times.size == len(expected) and np.allclose(times, expected, rtol=0, atol=1e-9)
+        yield case, arrives(found) or ("" if good else f"found {times.tolist()}")
+    yield "tangent", arrives(_with(subject, hb.Event(lambda t, q, v: (q[0] - 0.5) ** 2), **request))
+    nan = hb.Event(lambda t, q, v: np.nan if q[0] > 0.5 else 1.0)
+    yield "NaN", ends(_with(subject, nan, **request), hb.Status.nonfinite_callback)
+    yield "raising", refuses(partial(_with, subject, hb.Event(_raising), **request), kinds=(Own,))
+
+
+@row("E2", "one event function in two solves, two solvers, two threads", "no shared record: times equal")
+def shared_event(subject: Subject) -> Cases:
+    """Ten rounds of two threads."""
+    event = hb.Event(lambda t, q, v: q[0] - 0.37)
+    alone = _with(subject, event, rtol=1e-4).t_events[0].tolist()
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(lambda _: _with(subject, event, rtol=1e-4).t_events[0].tolist(), range(20)))
+    yield "alone", "" if len(alone) == 1 else f"{len(alone)} events"
+    yield "in two threads", within(sum(times != alone for times in found), 0, "others of 20:")

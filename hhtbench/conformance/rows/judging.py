@@ -1,0 +1,159 @@
+"""How a row is judged: its cases one by one, each a fault or a number beside its bounds."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterator
+from functools import partial, wraps
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import hhtbench as hb
+from hhtbench.conformance.entry import Finding, Known, Lane
+from hhtbench.conformance.entry import row as make_row
+from hhtbench.conformance.subject import Declined, Subject
+
+Cases = Iterator[tuple[str, "str | Number | Declined"]]  # name of a case, and what was found of it; "" is as expected
+
+
+class Number(NamedTuple):
+    """A measured value and its bounds; NaN is outside of them."""
+
+    value: float
+    least: float
+    most: float
+    what: str
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with it, or ""."""
+        if self.least <= self.value <= self.most:
+            return ""
+        return f"{self.what} {self.value:.3g}, {self.bounds}".strip()
+
+    @property
+    def bounds(self) -> str:
+        """As text."""
+        if math.isinf(self.least):
+            return f"at most {self.most:g} allowed"
+        return f"at least {self.least:g} asked" if math.isinf(self.most) else f"{self.least:g} to {self.most:g} allowed"
+
+
+def within(value: Any, most: float, what: str = "off by") -> Number:
+    """A number that must not be larger than ``most``."""
+    return Number(float(value), -math.inf, most, what)
+
+
+def between(value: Any, least: float, most: float, what: str) -> Number:
+    """A number between two bounds."""
+    return Number(float(value), least, most, what)
+
+
+def row(
+    id: str,
+    goes_in: str,
+    expected: str,
+    *,
+    seconds: float = math.inf,
+    lane: Lane = Lane.fast,
+    gap: str = "",
+    known: Known | None = None,
+) -> Callable[[Callable[..., Cases]], Any]:
+    """Make a function that yields cases the row ``id`` of its module.
+
+    One of two arguments, ``(subject, request)``, is called for each request of :meth:`Asked.ways`.  ``seconds``: each solve
+    may take so many, on a machine that has time.
+    """
+
+    def register(cases: Callable[..., Cases]) -> Any:
+        every_way = len(inspect.signature(cases).parameters) == 2
+        collected = partial(_every_way, cases) if every_way else cases
+
+        @wraps(cases)
+        def measure(subject: Subject) -> Finding:
+            return judged(collected(subject), subject, seconds)
+
+        measure.cases = collected  # type: ignore[attr-defined]
+        return make_row(id, goes_in, expected, lane=lane, gap=gap, known=known)(measure)
+
+    return register
+
+
+def fault_of(found: str | Number | Declined) -> str:
+    """What is wrong with a case, or ""; a case that is declined, where others are not, is wrong."""
+    if isinstance(found, Declined):
+        return f"declined: {found}"
+    return found.fault if isinstance(found, Number) else found
+
+
+def _every_way(cases: Callable[..., Cases], subject: Subject) -> Cases:
+    for way, request in subject.ways().items():
+        yield from ((f"{case} {way}".strip(), found) for case, found in cases(subject, request))
+
+
+def judged(cases: Cases, subject: Subject, seconds: float = math.inf, most_failing: float = 0.0) -> Finding:
+    """All cases together: how many are as expected, the numbers of each kind, and the first two that are not.
+
+    ``most_failing``: share of the cases that may be otherwise.
+    """
+    subject.took.clear()
+    found = dict(cases)
+    declined = [x for x in found.values() if isinstance(x, Declined)]
+    if declined and len(declined) == len(found):
+        raise declined[0]
+    faults = {case: text for case, x in found.items() if (text := fault_of(x))}
+    slowest = max(subject.took, default=0.0)
+    text = [f"{len(found) - len(faults)} of {len(found)} cases", *_ranges(found.values())]
+    text += [f"slowest {slowest:.2g} s of {seconds:g} allowed"] * math.isfinite(seconds)
+    text += [f"{case}: {fault}".strip(": ") for case, fault in list(faults.items())[:2]]
+    holds = bool(found) and len(faults) <= most_failing * len(found)
+    return Finding(measured="; ".join(text), holds=holds, in_time=slowest <= seconds, failing=tuple(faults))
+
+
+def _ranges(found: Any) -> Iterator[str]:
+    """The numbers of each kind: the largest, or both ends where there is a least one."""
+    numbers = [x for x in found if isinstance(x, Number)]
+    for least, most, what in dict.fromkeys(x[1:] for x in numbers):
+        values = [x.value for x in numbers if x[1:] == (least, most, what)]
+        ends = f"{max(values):.2g}" if math.isinf(least) else f"{min(values):.4g} to {max(values):.4g}"
+        yield f"{what} {ends}, {Number(0.0, least, most, what).bounds}"
+
+
+def ends(solution: hb.Solution, *expected: hb.Status, words: tuple[str, ...] = ()) -> str:
+    """The fault of an end: "" where the status is one of those ``expected`` and message or diagnosis have the words."""
+    if solution.status not in expected:
+        return f"ends with {solution.status.label}: {solution.message[:90]}"
+    text = f"{solution.message} {solution.diagnose()}" if words else ""
+    missing = [word for word in words if word not in text]
+    return f"{solution.status.label} does not name {', '.join(missing)}: {solution.message[:90]}" if missing else ""
+
+
+def arrives(solution: hb.Solution) -> str:
+    """The fault of an end that is no success."""
+    return ends(solution, hb.Status.success)
+
+
+def refuses(call: Callable[[], Any], *words: str, kinds: tuple[type[BaseException], ...] = (ValueError, TypeError)) -> str:
+    """The fault of a refusal: "" where ``call`` raises one of ``kinds`` with one of the ``words``."""
+    try:
+        call()
+    except Declined:
+        raise
+    except kinds as error:
+        return "" if not words or any(word in str(error) for word in words) else f"{type(error).__name__}: {str(error)[:90]}"
+    return "accepted"
+
+
+def same(one: hb.Solution, other: hb.Solution) -> str:
+    """The fault of two solutions that are not equal bit by bit."""
+    equal = all(getattr(one, x).tobytes() == getattr(other, x).tobytes() for x in ("t", "q", "v", "lam", "mu"))
+    return "" if equal else f"other bits, off by {apart(one, other):.1e}"
+
+
+def apart(one: hb.Solution, other: hb.Solution) -> float:
+    """Largest difference of q and v at the last rows; infinite where one did not arrive."""
+    if not (one.success and other.success):
+        return np.inf
+    return float(max(np.abs(one.q[-1] - other.q[-1]).max(), np.abs(one.v[-1] - other.v[-1]).max()))

@@ -1,0 +1,25 @@
+"""Small mechanisms with closed solutions, one for every kind of equation, and what holds along their motions.
+
+What a solver is judged by is written here by hand in NumPy and shares no code with what solvers receive: a fault in derived
+functions is seen like one in the solver.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hhtbench.conformance.scenes.moving_circle import moving_circle
+from hhtbench.conformance.scenes.oscillator import oscillator
+from hhtbench.conformance.scenes.pendulum import DeclaredPendulum, HeavyingPendulum, pendulum
+from hhtbench.conformance.scenes.scene import Scene
+from hhtbench.conformance.scenes.velocity_rows import screw, skate
+
+SCENES: dict[str, Callable[[], Scene]] = {
+    "unconstrained": oscillator,
+    "position": pendulum,
+    "declared": lambda: pendulum(DeclaredPendulum, name="declared"),
+    "mass": lambda: pendulum(HeavyingPendulum, name="mass"),
+    "rheonomic": moving_circle,
+    "velocity": skate,
+    "mixed": screw,
+}

@@ -1,0 +1,122 @@
+"""Linkages of rods: a closed chain of three, and a pendulum that carries another of any mass."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.integrate import solve_ivp
+
+from hhtbench.arguments import Vector
+from hhtbench.conformance.scenes.pendulum import GRAVITY, RADIUS, swing
+from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+
+
+class Parallelogram(System):
+    """Two unit masses on equal rods, joined by a third one as long as the way between the pivots: a closed chain."""
+
+    radius: Any = parameter(RADIUS, doc="of the rods [m]")
+    gravity: Any = parameter(GRAVITY, doc="[m/s^2]")
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        """Weights."""
+        return -self.gravity * jnp.array([0.0, 1.0, 0.0, 1.0])
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        """Rods and coupler."""
+        first, second = q[:2], q[2:] - jnp.array([1.0, 0.0])
+        coupler = q[2:] - q[:2]
+        return jnp.stack([first @ first - self.radius**2, second @ second - self.radius**2, coupler @ coupler - 1.0]) / 2
+
+
+def parallelogram(span: float) -> Problem:
+    """Released at rest: both rods swing as the pendulum of :func:`hhtbench.conformance.scenes.pendulum.swing`."""
+
+    def exact(t: float) -> Motion:
+        angle, rate = swing(t)
+        place = RADIUS * np.array([np.sin(angle), -np.cos(angle)])
+        across = RADIUS * np.array([np.cos(angle), np.sin(angle)])
+        q = np.concatenate([place, place + np.array([1.0, 0.0])])
+        return Motion(q, rate * np.concatenate([across, across]), np.full(3, np.nan), np.zeros(0))
+
+    start = exact(0.0)
+    fastest = math.sqrt(2 * GRAVITY * RADIUS)
+    scales = Scales(q=RADIUS, v=fastest, lam=GRAVITY / RADIUS)
+    return Problem(
+        name="parallelogram",
+        system=Parallelogram(),
+        t_span=(0.0, span),
+        q0=start.q,
+        v0=start.v,
+        exact=exact,
+        scales=scales,
+    )
+
+
+def parallelogram_levels(t: float, q: Vector, v: Vector) -> Vector:
+    """Both levels of the three constraints, (6,)."""
+    parts = (q[:2], v[:2]), (q[2:] - [1.0, 0.0], v[2:]), (q[2:] - q[:2], v[2:] - v[:2])
+    lengths = RADIUS**2, RADIUS**2, 1.0
+    places = [(d @ d - length) / 2 for (d, _), length in zip(parts, lengths, strict=True)]
+    return np.array([*places, *(d @ u for d, u in parts)])
+
+
+class DoublePendulum(System):
+    """Two masses on unit rods, q (4,): the upper one 1 kg, the lower one ``ratio``."""
+
+    ratio: Any = parameter(1.0, doc="of the lower mass to the upper one")
+
+    def mass_matrix(self, t: Any, q: Any) -> Any:
+        """Constant."""
+        return jnp.diag(jnp.stack([1.0 + 0 * self.ratio, 1.0 + 0 * self.ratio, self.ratio, self.ratio]))
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        """Weights."""
+        return -GRAVITY * jnp.stack([0.0 * self.ratio, 1.0 + 0.0 * self.ratio, 0.0 * self.ratio, self.ratio])
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        """Both rods."""
+        d = q[2:] - q[:2]
+        return jnp.stack([(q[:2] @ q[:2] - 1.0) / 2.0, (d @ d - 1.0) / 2.0])
+
+    @staticmethod
+    def bent(upper: float, lower: float) -> tuple[np.ndarray, np.ndarray]:
+        """The rods at these angles [rad] from below, at rest."""
+        first, second = (np.array([np.sin(x), -np.cos(x)]) for x in (upper, lower))
+        return np.concatenate([first, first + second]), np.zeros(4)
+
+    @staticmethod
+    def straight(angle: float) -> tuple[np.ndarray, np.ndarray]:
+        """Both rods at ``angle`` [rad] from below, at rest."""
+        return DoublePendulum.bent(angle, angle)
+
+    @staticmethod
+    def fastest(ratio: float) -> float:
+        """Of small vibrations about hanging straight [rad/s]: omega^4 - 2 (1 + ratio) g omega^2 + (1 + ratio) g^2 = 0."""
+        return float(np.sqrt(np.roots([1.0, -2.0 * (1.0 + ratio) * GRAVITY, (1.0 + ratio) * GRAVITY**2]).max()))
+
+
+def double_pendulum(ratio: float, span: float) -> Problem:
+    """Straight at 0.5 rad, at rest."""
+    q0, v0 = DoublePendulum.straight(0.5)
+    return Problem(
+        name="double_pendulum", system=DoublePendulum(ratio=ratio), t_span=(0.0, span), q0=q0, v0=v0, scales=Scales(v=3.0)
+    )
+
+
+@cache
+def double_pendulum_angles(start: float, ratio: float, t: float) -> tuple[float, float]:
+    """Angles [rad] at ``t`` [s] of the double pendulum released straight at ``start``, by DOP853 in minimal coordinates."""
+
+    def rates(_: float, y: Any) -> Any:
+        upper, lower, w, z = y
+        s, c = np.sin(upper - lower), np.cos(upper - lower)
+        pull = s * w**2 - GRAVITY * np.sin(lower)
+        rate = (-ratio * s * z**2 - (1 + ratio) * GRAVITY * np.sin(upper) - ratio * c * pull) / (1 + ratio * s**2)
+        return [w, z, rate, pull - c * rate]
+
+    found = solve_ivp(rates, (0, t), [start, start, 0.0, 0.0], "DOP853", rtol=1e-10, atol=1e-12)
+    return float(found.y[0, -1]), float(found.y[1, -1])

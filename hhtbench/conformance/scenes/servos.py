@@ -1,0 +1,43 @@
+"""What hangs by a stiff spring on something that a constraint drives; circles as in :mod:`.scenes`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.conformance.scenes.circles import FAST, FIRST, PRESS, SECOND, SLOW, arc, off_circle, on_circle
+from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+
+
+class Hung(System):
+    """Two circles: along the first a length is driven by a constraint, and a spring leads that of the second by it."""
+
+    spring: Any = parameter(1.0, doc="[1/s^2]")
+    damper: Any = parameter(0.0, doc="[1/s]")
+
+    def force(self, t: Any, q: Any, v: Any) -> Any:
+        """Between the lengths of both arcs, and against both circles."""
+        y, z = arc(q, v, SLOW, FIRST, 1.0), arc(q, v, FAST, SECOND, 1.0)
+        pull = self.spring * (y.length - z.length) + self.damper * (y.rate - z.rate)
+        return -pull * y.tangent + (pull - jnp.sin(t)) * z.tangent + PRESS * (y.normal + z.normal)
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        """The circles and the drive."""
+        y = arc(q, q, SLOW, FIRST, 1.0)
+        return jnp.stack([off_circle(q, SLOW, FIRST, 1.0), off_circle(q, FAST, SECOND, 1.0), y.length - jnp.sin(t)])
+
+
+def hung(spring: float, damper: float, span: float) -> Problem:
+    """Both lengths are sin t."""
+
+    def exact(t: float) -> Motion:
+        s, c = math.sin(t), math.cos(t)
+        (q, v), (p, u) = on_circle(s, c, SLOW, FIRST, 1.0), on_circle(s, c, FAST, SECOND, 1.0)
+        return Motion(q + p, v + u, np.array([PRESS + c * c, PRESS + c * c, s]), np.zeros(0))
+
+    start, scales = exact(0.0), Scales(q=1.0, v=1.0, lam=1.0)
+    system = Hung(spring=spring, damper=damper)
+    return Problem(name="hung", system=system, t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact, scales=scales)

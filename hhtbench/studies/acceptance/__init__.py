@@ -1,1 +1,0 @@
-"""The acceptance matrix at the extremes: every row measured on HHT and, as far as they can be asked, on other solvers."""
