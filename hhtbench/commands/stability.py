@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
 @click.option("--seed", type=int, default=0, show_default=True, help="Of what is drawn.")
 @click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Worker processes.")
 @click.option("--small", is_flag=True, help="Only the cells by which solvers from elsewhere are checked.")
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Write tables and sentences to this file.")
 @click.option(
     "--report", "folder", type=click.Path(file_okay=False, path_type=Path), help="Write stability.html into this folder."
 )
@@ -35,7 +33,6 @@ def stability_command(
     seed: int,
     jobs: int,
     small: bool,
-    out: Path | None,
     folder: Path | None,
     json_file: Path | None,
 ) -> None:
@@ -46,13 +43,10 @@ def stability_command(
     For example: hhtbench study stability --only stiffness --solver hht --solver ida
     """
     with ends_at_once():
-        from hhtbench.conformance.stability.newton import efforts
         from hhtbench.conformance.stability.page import write_stability
         from hhtbench.conformance.stability.study import study_stability
-        from hhtbench.conformance.stability.tables import markdown
 
-    for file in (out, json_file):
-        require_folder(file)
+    require_folder(json_file)
     with progress() as told:
 
         def tell(batch: Batch, measured: Sequence[Outcome]) -> None:
@@ -62,13 +56,9 @@ def stability_command(
     click.echo()
     for solver in found.solvers:
         click.echo(found.sentence(solver))
-    for effort in efforts(found):
-        click.echo(effort)
-    if out is not None:
-        out.write_text(markdown(found), encoding="utf-8")
     if folder is not None:
         click.echo(f"written: {write_stability(found, folder)}")
-    write_json({**found.as_dict(), "newton": [asdict(effort) for effort in efforts(found)]}, json_file)
+    write_json(found.as_dict(), json_file)
 
 
 def _shown(batch: Batch, measured: Sequence[Outcome]) -> str:

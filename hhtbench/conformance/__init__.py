@@ -9,18 +9,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hhtbench.conformance.check import Check, check_names, check_problem, check_solver
-    from hhtbench.conformance.convergence import assert_solver_converges
+    from hhtbench.conformance.check import Check, assert_solver_converges, check_names, check_problem, check_solver
+    from hhtbench.conformance.collected import parametrize_with_checks
     from hhtbench.conformance.entry import Kind, Outcome
     from hhtbench.conformance.pairwise import Agreement, agreement, assert_solvers_agree
-    from hhtbench.conformance.parametrize import parametrize_with_checks
 
 _MODULES = {
-    "check": ("Check", "check_names", "check_problem", "check_solver"),
-    "convergence": ("assert_solver_converges",),
+    "check": ("Check", "assert_solver_converges", "check_names", "check_problem", "check_solver"),
     "entry": ("Kind", "Outcome"),
     "pairwise": ("Agreement", "agreement", "assert_solvers_agree"),
-    "parametrize": ("parametrize_with_checks",),
+    "collected": ("parametrize_with_checks",),
 }
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = [

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from hhtbench.api import solve
 from hhtbench.conformance.entry import Entry, Kind, Known, Lane, Outcome
-from hhtbench.conformance.subject import Declined, Subject
+from hhtbench.conformance.subject import ACCURACY, Declined, Subject
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
 from hhtbench.result import Counters, Solution, Status
@@ -57,6 +57,40 @@ class Cell:
     def is_about(self, target: str) -> bool:
         """Whether a solver, named without its options, is one of the families."""
         return not self.families or target in self.families
+
+
+class Way(NamedTuple):
+    """How a cell is asked for."""
+
+    line: str
+    request: Mapping[str, Any]
+    most: float  #: largest error that a motion of ordinary size may have
+
+
+def rtol(value: float, longer: float = 1.0) -> Way:
+    """Under error control: a hundred times the tolerance, ``longer`` times that."""
+    return Way(f"rtol {value:g}", {"rtol": value}, ACCURACY * value * longer)
+
+
+def step(h: float, most: float) -> Way:
+    """Prescribed steps of one length [s]."""
+    return Way(f"h = {h:g} s", {"step": h}, most)
+
+
+def cells(
+    x: float,
+    make: Callable[[], Problem],
+    ways: Iterable[Way],
+    expected: Callable[[float], Mapping[str, Expected]],
+    *,
+    named: str = "{}",
+    t_eval: Any = ...,
+    **given: Any,
+) -> Iterator[Cell]:
+    """A cell for each way, with what is ``expected(way.most)``; ``named`` is the form of their lines."""
+    rows = {} if t_eval is ... else {"t_eval": t_eval}
+    for line, request, most in ways:
+        yield Cell(x=x, line=named.format(line), make=make, request={**request, **rows}, expected=expected(most), **given)
 
 
 def family(id: str, parameter: str, known: Known | None = None) -> Callable[[Callable[[int], Iterable[Cell]]], Entry]:

@@ -104,6 +104,29 @@ def check_solver(
     return _with_expected(made, expected_failed)
 
 
+def assert_solver_converges(solver: Solver | str, order: float | None = None) -> None:
+    """The solver's error converges on every scene that it takes.
+
+    Parameters
+    ----------
+    solver
+        A solver or a spec.
+    order
+        With it, prescribed steps are halved: the root mean square errors of q, v, lam and mu over the mesh must fall to
+        this power of the step.  Without it, error control is tightened from 1e-3 to 1e-5.
+
+    Raises
+    ------
+    AssertionError
+        The error falls more slowly somewhere, or the solver takes none of the scenes.
+    """
+    subject = Subject(solver, Claims(order=order))
+    (entry,) = (claim for claim in CLAIMS if claim.id == ("tolerance" if order is None else "order"))
+    found = [entry.run(subject, *case) for case in entry.cases()]
+    expect(all(x.kind.good for x in found), "; ".join(f"{x.case}: {x.message}" for x in found if not x.kind.good))
+    expect(any(x.kind is Kind.right for x in found), f"{subject.name} takes none of the scenes: {found[0].message}")
+
+
 def check_problem(
     problem: Problem | str,
     expected_failed: Mapping[str, str] | None = None,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.conformance.cell import Cell, Expected, family
+from hhtbench.conformance.cell import Cell, Expected, cells, family, rtol, step
 from hhtbench.conformance.families.errors import held, reacting
 from hhtbench.conformance.subject import ACCURACY
 from hhtbench.mechanics.space import quaternion_rate, rotation, rotational_force, rotational_mass
@@ -90,11 +90,11 @@ def quaternions(seed: int) -> Iterator[Cell]:
     """A turning body whose constraint or quaternion is scaled: the same motion, both levels and the reaction, closed."""
     for power in range(-6, 7, 2):
         for name, length, scale in (("row", 1.0, 10.0**power), ("length", 10.0**power, 1.0)):
-            make, small = partial(turning, length, scale), power == -6
-            for line, request, most, level in (
-                (f"{name}, rtol 1e-05", {"rtol": 1e-5}, ACCURACY * 1e-5, ACCURACY * 1e-5),
-                (f"{name}, h = 0.01 s", {"step": 1e-2}, CURVATURE * 1e-4, LEVELS),
-            ):
-                levels = Expected(error=held(partial(_levels, length)), most=level)
-                expected = reacting(most) | {"both levels": levels}
-                yield Cell(x=10.0**power, line=line, make=make, request=request, expected=expected, small=small)
+            for way, level in ((rtol(1e-5), ACCURACY * 1e-5), (step(1e-2, CURVATURE * 1e-4), LEVELS)):
+                levels = {"both levels": Expected(error=held(partial(_levels, length)), most=level)}
+                make, expected = partial(turning, length, scale), partial(_turns, levels)
+                yield from cells(10.0**power, make, [way], expected, named=f"{name}, {{}}", small=power == -6)
+
+
+def _turns(levels: dict[str, Expected], most: float) -> dict[str, Expected]:
+    return reacting(most) | levels

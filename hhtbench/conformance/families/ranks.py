@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hhtbench.conformance.cell import Cell, Expected, family
+from hhtbench.arguments import Matrix
+from hhtbench.conformance.cell import Cell, Expected, cells, family, rtol, step
 from hhtbench.conformance.families.errors import at_the_end, held, reacting_by
 from hhtbench.conformance.scenes.circles import crossed_levels, leaning
 from hhtbench.conformance.subject import ACCURACY
@@ -19,7 +20,6 @@ from hhtbench.protocol import Motion, Problem
 from hhtbench.registry import load_problem
 
 SPAN = 2.0  # [s]
-RTOL, STEP = 1e-5, 1e-2
 LEVELS = 1e-12
 ROUNDED = 20 * float(np.finfo(np.float64).eps)
 BRANCH = 0.3  # of the scaled positions: nearer than that it is this branch and no other
@@ -27,33 +27,29 @@ CURVATURE = 200.0  # error over h^2 of a method of second order on the branch [1
 CRANK_ANGLE, CRANK_RATE = math.pi / 4, 4.0  # at the start of the slider-crank [rad], [rad/s]
 
 
-def _leaning(rows: np.ndarray, x: float, small: bool, known: float) -> Iterator[Cell]:
+def _leaning(rows: Matrix, x: float, small: bool, known: float) -> Iterator[Cell]:
     """``known``: to what the rows themselves are rounded, over what they say apart from each other."""
-    for line, request, most, level in (
-        ("rtol 1e-05", {"rtol": RTOL}, ACCURACY * RTOL, ACCURACY * RTOL),
-        ("h = 0.01 s", {"step": STEP}, 10 * STEP**2, LEVELS),
-    ):
-        expected = reacting_by(rows, most + known) | {
-            "both levels": Expected(error=held(crossed_levels), most=level + known)
-        }
-        given: dict[str, Any] = {"make": partial(leaning, rows, SPAN), "request": request, "expected": expected}
-        yield Cell(x=x, line=line, small=small, cause="depend on the others and were left out", **given)
+    for way, level in ((rtol(1e-5), ACCURACY * 1e-5), (step(1e-2, 1e-3), LEVELS)):
+        levels = {"both levels": Expected(error=held(crossed_levels), most=level + known)}
+        expected = reacting_by(rows, way.most + known) | levels
+        given: dict[str, Any] = {"small": small, "cause": "depend on the others and were left out"}
+        yield from cells(x, partial(leaning, rows, SPAN), [way], lambda most, expected=expected: expected, **given)
 
 
 @family("rank", "angle between two rows of constraints [rad]")
 def rank(seed: int) -> Iterator[Cell]:
     """Two rows that are nearly one: motion, levels and reaction as if they were apart, but for the roundoff of the rows."""
     for power in (0, -2, -4, -6, -8, -10, -12, -14):
-        yield from _leaning(
-            np.array([[1.0, 0.0], [1.0, 10.0**power]]), 10.0**power, power in (-4, -10), ROUNDED / 10.0**power
-        )
+        x = 10.0**power
+        yield from _leaning(np.array([[1.0, 0.0], [1.0, x]]), x, power in (-4, -10), ROUNDED / x)
 
 
 @family("redundant", "a row once more, times")
 def redundant(seed: int) -> Iterator[Cell]:
     """A row of constraints twice, at every scale: motion, levels and sum of reactions as if it were there once, closed."""
     for power in (-12, -8, -4, 0, 4, 8, 12):
-        yield from _leaning(np.array([[1.0, 0.0], [0.0, 1.0], [10.0**power, 0.0]]), 10.0**power, power in (-8, 0), 0.0)
+        x = 10.0**power
+        yield from _leaning(np.array([[1.0, 0.0], [0.0, 1.0], [x, 0.0]]), x, power in (-8, 0), 0.0)
 
 
 def _slider_crank() -> Problem:
@@ -85,14 +81,12 @@ def dead_points(seed: int) -> Iterator[Cell]:
         ("two windows", partial(load_problem, "four_bars(n_windows=2, t_end=1.0)"), 1.0),
         ("slider-crank", _slider_crank, 2.0),
     ):
-        branch = Expected(error=at_the_end, most=BRANCH)
-        for rtol in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7):
-            expected = {"branch": branch, "accuracy on it": Expected(error=at_the_end, most=ACCURACY * rtol)}
-            small = name == "slider-crank" and rtol in (1e-4, 1e-6)
-            request: dict[str, object] = {"rtol": rtol, "t_eval": [end]}
-            yield Cell(x=rtol, line=f"{name}, rtol", make=make, request=request, expected=expected, small=small)
+        ways = [(f"{name}, rtol", x, {"rtol": x}, ACCURACY * x) for x in (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)]
         for count in (200, 500, 1000, 2000, 5000):
-            request = {"steps": count, "t_eval": [end]}
-            on_it = Expected(error=at_the_end, most=CURVATURE * (end / count) ** 2)
-            expected = {"branch": branch, "accuracy on it": on_it}
-            yield Cell(x=1 / count, line=f"{name}, steps", make=make, request=request, expected=expected)
+            ways.append((f"{name}, steps", 1 / count, {"steps": count}, CURVATURE * (end / count) ** 2))
+        for line, x, request, most in ways:
+            bounds = {"branch": BRANCH, "accuracy on it": most}
+            expected = {what: Expected(error=at_the_end, most=bound) for what, bound in bounds.items()}
+            small = name == "slider-crank" and "rtol" in request and x in (1e-4, 1e-6)
+            asked = {**request, "t_eval": [end]}
+            yield Cell(x=x, line=line, make=make, request=asked, expected=expected, small=small)

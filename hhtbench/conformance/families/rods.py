@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.conformance.cell import ROWS, Cell, Expected, family
+from hhtbench.conformance.cell import ROWS, Cell, Expected, Way, cells, family, rtol, step
 from hhtbench.conformance.families.errors import held, motion, off
 from hhtbench.conformance.families.springs import CURVATURE, beside
 from hhtbench.conformance.scenes.circles import stiff
@@ -41,16 +41,15 @@ def masses(seed: int) -> Iterator[Cell]:
     """A double pendulum of masses up to 1e8 apart: DOP853 in minimal coordinates."""
     for power in range(-8, 9, 2):
         ratio = 10.0**power
-        make = partial(double_pendulum, ratio, 1.0)
-        for line, request, most in (
-            ("rtol 0.0001", {"rtol": 1e-4}, ACCURACY * 1e-4),
-            ("rtol 1e-06", {"rtol": 1e-6}, ACCURACY * 1e-6),
-            ("h = 0.001 s", {"step": 1e-3}, 1e-3),
-        ):
-            expected = {"end": Expected(error=partial(_off_angles, ratio), most=most)}
-            small = power in (-8, -4, 4) and line != "rtol 1e-06"
-            asked = {**request, "t_eval": [1.0]}
-            yield Cell(x=ratio, line=line, make=make, request=asked, expected=expected, small=small)
+        expected = partial(_end, ratio)
+        for way in (rtol(1e-4), rtol(1e-6), step(1e-3, 1e-3)):
+            small = power in (-8, -4, 4) and way.line != "rtol 1e-06"
+            make = partial(double_pendulum, ratio, 1.0)
+            yield from cells(ratio, make, [way], expected, t_eval=[1.0], small=small)
+
+
+def _end(ratio: float, most: float) -> dict[str, Expected]:
+    return {"end": Expected(error=partial(_off_angles, ratio), most=most)}
 
 
 def _off_angles(ratio: float, problem: Problem, found: Solution) -> float:
@@ -64,14 +63,21 @@ def ratios(seed: int) -> Iterator[Cell]:
     for ratio in (1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 100.0, 1000.0):
         for name, lengths in (("1 : r", _alternating(ratio)), ("drawn", _drawn(ratio, seed))):
             h = float(lengths.max())
-            swing = motion(SWING * (SPAN[1] * h) ** 2 + ROUNDOFF)
-            small = ratio in (2.0, 100.0)
-            given: dict[str, Any] = {"x": ratio, "small": small}
-            make: Any = lambda: pendulum().problem  # noqa: E731
-            yield Cell(line=f"{name}, swing", make=make, request={"steps": SPAN[1] * lengths}, expected=swing, **given)
-            slow = beside(STIFF, CURVATURE * (STIFF_SPAN * h) ** 2 + ROUNDOFF)
-            make = partial(stiff, STIFF, STIFF_SPAN)
-            yield Cell(line=f"{name}, stiff", make=make, request={"steps": STIFF_SPAN * lengths}, expected=slow, **given)
+            ways: list[tuple[str, Any, float, Any]] = [
+                ("swing", _swing_over, SPAN[1], motion),
+                ("stiff", partial(stiff, STIFF), STIFF_SPAN, partial(beside, STIFF)),
+            ]
+            for which, make, length, known in ways:
+                most = (SWING if which == "swing" else CURVATURE) * (length * h) ** 2 + ROUNDOFF
+                way = Way(f"{name}, {which}", {"steps": length * lengths}, most)
+                yield from cells(ratio, partial(make, length), [way], known, small=ratio in (2.0, 100.0))
+
+
+UNITS = Frame()
+
+
+def _swing_over(length: float, begin: float = 0.0, frame: Frame = UNITS) -> Problem:
+    return pendulum(frame=frame, t_span=(begin, begin + length)).problem
 
 
 def _alternating(ratio: float) -> Vector:
@@ -86,9 +92,7 @@ def _drawn(ratio: float, seed: int) -> Vector:
     return np.asarray(lengths / math.fsum(lengths))
 
 
-def _of_scene(make: Any) -> Problem:
-    scene: Scene = make()
-    return scene.problem
+PLAIN = rtol(1e-5), Way("300 steps", {"steps": 300}, SWING * (SPAN[1] / 300) ** 2)
 
 
 @family("units", "new units in an old one")
@@ -97,45 +101,30 @@ def units(seed: int) -> Iterator[Cell]:
     for power in (-6, -3, 0, 3, 6):
         for name in ("length", "mass", "time"):
             frame = replace(Frame(), **{name: 10.0**power})  # type: ignore[arg-type]
-            unit = frame.time
-            make = partial(_of_scene, partial(pendulum, frame=frame, t_span=(0.0, SPAN[1] * unit)))
-            small = abs(power) == 6
-            for line, request, most in (
-                (f"{name}, rtol 1e-05", {"rtol": 1e-5}, ACCURACY * 1e-5),
-                (f"{name}, 300 steps", {"steps": 300}, SWING * (SPAN[1] / 300) ** 2),
-            ):
-                expected = motion(most)
-                yield Cell(x=10.0**power, line=line, make=make, request=request, expected=expected, small=small)
+            make = partial(_swing_over, SPAN[1] * frame.time, frame=frame)
+            yield from cells(10.0**power, make, PLAIN, motion, named=f"{name}, {{}}", small=abs(power) == 6)
 
 
 @family("origin", "time at the start [s]")
 def origin(seed: int) -> Iterator[Cell]:
     """The swing begun at up to 1e12 s: closed solution, and what a rounded time moves."""
     for t0 in (0.0, 1e3, 1e6, 1e9, 1e12):
-        make = partial(_of_scene, partial(pendulum, t_span=(t0, t0 + SPAN[1])))
         rounded = 1e3 * float(np.spacing(t0))  # a hundred times the distance of times, at 10 m/s^2
-        for line, request, most in (
-            ("rtol 1e-05", {"rtol": 1e-5}, ACCURACY * 1e-5),
-            ("300 steps", {"steps": 300}, SWING * (SPAN[1] / 300) ** 2),
-        ):
-            expected = motion(most + rounded)
-            yield Cell(x=t0, line=line, make=make, request=request, expected=expected, small=t0 == 1e9)
+        ways = [way._replace(most=way.most + rounded) for way in PLAIN]
+        yield from cells(t0, partial(_swing_over, SPAN[1], t0), ways, motion, small=t0 == 1e9)
 
 
 @family("span", "length of the interval [s]")
 def span(seed: int) -> Iterator[Cell]:
     """The swing over intervals from 1e-100 s to 1000 s: closed solution, its phase within a third of a radian."""
     for length in (1e-100, 1e-15, 1e-12, 1e-9, 1e-6, 1e-3, 1.0, 1e1, 1e2, 1e3):
-        make = partial(_of_scene, partial(pendulum, t_span=(0.0, length)))
-        count = max(100, round(200 * length))
-        longer = max(1.0, length)
-        for line, request, most in (
-            ("rtol 1e-06", {"rtol": 1e-6}, ACCURACY * 1e-6 * longer),
-            ("100 steps, at least 200 a second", {"steps": count}, SWING * (length / count) ** 2 * longer + 1e-12),
-        ):
-            small = length in (1e-12, 1e2)
-            asked = {**request, "t_eval": np.linspace(0.0, length, ROWS)}
-            yield Cell(x=length, line=line, make=make, request=asked, expected=motion(min(most, IN_PHASE)), small=small)
+        count, longer = max(100, round(200 * length)), max(1.0, length)
+        most = SWING * (length / count) ** 2 * longer + 1e-12
+        ways = rtol(1e-6, longer), Way("100 steps, at least 200 a second", {"steps": count}, most)
+        ways_in_phase = [way._replace(most=min(way.most, IN_PHASE)) for way in ways]
+        rows = np.linspace(0.0, length, ROWS)
+        small = length in (1e-12, 1e2)
+        yield from cells(length, partial(_swing_over, length), ways_in_phase, motion, t_eval=rows, small=small)
 
 
 @family("tension", "frequency times step")

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from hhtbench.conformance.cell import Cell, Expected, family
+from hhtbench.conformance.cell import Cell, Expected, Way, cells, family, rtol, step
 from hhtbench.conformance.families.errors import HALF, REACTION, along, at_the_end, exact, held, motion, reacting
 from hhtbench.conformance.scenes.circles import FAST, FIRST, SLOW, crossed_levels, damped, led, spinning, stiff
 from hhtbench.conformance.scenes.servos import hung
@@ -54,56 +54,51 @@ def _slow_reaction(problem: Problem, found: Solution) -> float:
     return float(np.max(np.abs(exact(problem, found, "lam") - found.lam)[1:, 0]))
 
 
-def _ways() -> Iterator[tuple[str, dict[str, float], float]]:
-    """Name, request, and the error that is allowed."""
-    yield from ((f"rtol {rtol:g}", {"rtol": rtol}, ACCURACY * rtol) for rtol in TOLERANCES)
-    yield from ((f"h = {h:g} s", {"step": h}, CURVATURE * h**2 + ROUNDOFF) for h in STEPS)
+WAYS = (*map(rtol, TOLERANCES), *(step(h, CURVATURE * h**2 + ROUNDOFF) for h in STEPS))
+SMALL = "rtol 0.001", "h = 0.01 s"
+
+
+def _cells(
+    power: int, small: int | None, make: Callable[[], Problem], known: Any = reacting, named: str = "{}"
+) -> Iterator[Cell]:
+    """Every way at ten to ``power``; some of them at ten to ``small`` are the small ones."""
+    for way in WAYS:
+        chosen = power == small and way.line in SMALL
+        yield from cells(10.0**power, make, [way], known, named=named, small=chosen)
 
 
 @family("stiffness", "stiffness across the motion [1/s^2]")
 def stiffness(seed: int) -> Iterator[Cell]:
     """A slow vibration beside one up to 1e7 times faster, both constrained: error of the slow one, closed solution."""
     for power in range(2, 15, 2):
-        for line, request, most in _ways():
-            make = partial(stiff, 10.0**power, SPAN)
-            small = power in (4, 12) and line in ("rtol 0.001", "h = 0.01 s")
-            expected = beside(10.0**power, most, most if "rtol" in request else ROUNDOFF)
-            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=expected, small=small)
+        for way in WAYS:
+            expected = partial(beside, 10.0**power, across=way.most if "rtol" in way.request else ROUNDOFF)
+            small = power in (4, 12) and way.line in SMALL
+            yield from cells(10.0**power, partial(stiff, 10.0**power, SPAN), [way], expected, small=small)
 
 
 @family("dampers", "damper along the motion [1/s]")
 def dampers(seed: int) -> Iterator[Cell]:
     """A damper and a spring that leave a decay of about e^-t: closed solution."""
     for power in (1, 2, 4, 6, 8, 10):
-        for line, request, most in _ways():
-            make = partial(damped, 10.0**power, SPAN)
-            small = power == 8 and line in ("rtol 0.001", "h = 0.01 s")
-            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=reacting(most), small=small)
+        yield from _cells(power, 8, partial(damped, 10.0**power, SPAN))
 
 
 @family("servo", "stiffness of the servo [1/s^2]")
 def servo(seed: int) -> Iterator[Cell]:
     """A spring, with and without a damper as stiff, that leads the motion along sin t, or by what is driven so: closed."""
     for power in (2, 5, 8, 11, 14):
-        for name, damping in (("spring", 0.0), ("spring and damper", 1.0)):
-            for line, request, most in _ways():
-                make = partial(led, 10.0**power, damping * 10.0**power, SPAN)
-                small = power == 8 and line in ("rtol 0.001", "h = 0.01 s")
-                given: dict[str, Any] = {"make": make, "request": request, "expected": reacting(most), "small": small}
-                yield Cell(x=10.0**power, line=f"{name}, {line}", **given)
-                hanging = partial(hung, 10.0**power, damping * 10.0**power, SPAN)
-                given |= {"make": hanging, "expected": motion(most), "small": False}
-                yield Cell(x=10.0**power, line=f"{name} on a drive, {line}", **given)
+        for name, damping in (("spring", 0.0), ("spring and damper", 10.0**power)):
+            yield from _cells(power, 8, partial(led, 10.0**power, damping, SPAN), named=f"{name}, {{}}")
+            hanging = partial(hung, 10.0**power, damping, SPAN)
+            yield from _cells(power, None, hanging, motion, named=f"{name} on a drive, {{}}")
 
 
 @family("spin", "gyroscopic coupling [1/s]")
 def spin(seed: int) -> Iterator[Cell]:
     """Fast spin: gyroscopic forces whose slow circle has a frequency near 1: closed solution."""
     for power in (0, 1, 2, 3, 4, 6):
-        for line, request, most in _ways():
-            make = partial(spinning, 10.0**power, SPAN)
-            small = power == 4 and line in ("rtol 0.001", "h = 0.01 s")
-            yield Cell(x=10.0**power, line=line, make=make, request=request, expected=reacting(most), small=small)
+        yield from _cells(power, 4, partial(spinning, 10.0**power, SPAN))
 
 
 @family("steps", "length of a step [s]")
@@ -142,24 +137,24 @@ def _sway(power: int) -> float:
 def order(seed: int) -> Iterator[Cell]:
     """Order at intermediate stiffness: a pendulum on a stiff spring, steps around its period: certified references."""
     for power in (2, 4, 6, 8, 10, 12, 14):
-        make = partial(_sprung, power)
-        small = power in (2, 10)
-        given: dict[str, Any] = {"x": 10.0**power, "make": make}
-        for rtol in (1e-3, 1e-5, 1e-7):
-            within = {"end": Expected(error=at_the_end, most=ACCURACY * rtol + _sway(power) * (power > LAST))}
-            asked: dict[str, Any] = {"rtol": rtol, "t_eval": [1.0]}
-            yield Cell(line=f"rtol {rtol:g}", request=asked, expected=within, small=small and rtol == 1e-5, **given)
+        make, beyond = partial(_sprung, power), _sway(power) * (power > LAST)
+        ways = [Way(f"rtol {x:g}", {"rtol": x}, ACCURACY * x + beyond) for x in (1e-3, 1e-5, 1e-7)]
         for h in (1e-1, 3e-2, 1e-2, 3e-3, 1e-3, 1e-4):
-            resolved = h * math.sqrt(10.0**power) < 1.0
-            most = BEND * h**2 + _sway(power) * (not resolved or power > LAST) + ROUNDOFF
-            within = {"end": Expected(error=at_the_end, most=min(most, THERE))}
-            asked = {"step": h, "t_eval": [1.0]}
-            yield Cell(line=f"h = {h:g} s", request=asked, expected=within, small=small and h == 1e-2, **given)
+            unresolved = h * math.sqrt(10.0**power) >= 1.0
+            ways.append(step(h, min(BEND * h**2 + (_sway(power) if unresolved else beyond) + ROUNDOFF, THERE)))
+        for way in ways:
+            small = power in (2, 10) and way.line in ("rtol 1e-05", "h = 0.01 s")
+            yield from cells(10.0**power, make, [way], _end, t_eval=[1.0], small=small)
         if power in FITTED:
-            further = tuple((make, {"step": h, "t_eval": [1.0]}) for h in SLOPE[1:])
-            within = {"order below 2 by": Expected(error=partial(_shortfall, _sway(power) * (power > LAST)), most=SHORT)}
-            asked = {"step": SLOPE[0], "t_eval": [1.0]}
-            yield Cell(line="fitted order", request=asked, expected=within, further=further, small=small, **given)
+            first, *others = ({"step": h, "t_eval": [1.0]} for h in SLOPE)
+            fitted = {"order below 2 by": Expected(error=partial(_shortfall, beyond), most=SHORT)}
+            given: dict[str, Any] = {"x": 10.0**power, "make": make, "small": power in (2, 10)}
+            further = tuple((make, request) for request in others)
+            yield Cell(line="fitted order", request=first, expected=fitted, further=further, **given)
+
+
+def _end(most: float) -> dict[str, Expected]:
+    return {"end": Expected(error=at_the_end, most=most)}
 
 
 def _shortfall(floor: float, problem: Problem, *runs: Solution) -> float:

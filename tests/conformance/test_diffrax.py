@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from tests.testing.test_solvers import parameters
+from tests.conformance.test_solvers import parameters
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
 
 @pytest.mark.parametrize("check", parameters("diffrax"))
 def test_diffrax(check):
-    verdict = check.run()
-    assert verdict.kind.good, verdict.message
+    found = check.run()
+    assert found.kind.good, found.message

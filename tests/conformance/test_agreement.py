@@ -10,7 +10,7 @@ import pytest
 import hhtbench as hb
 from hhtbench.conformance import agreement, assert_solvers_agree
 from hhtbench.conformance.scenes.pendulum import pendulum
-from tests.testing.liars import Larger
+from tests.conformance.faulty import faulty, larger_by_three_percent
 
 UNKNOWN = replace(pendulum().problem, exact=None)
 SOLVERS = ("hht", "rattle", "ida(form=index1)", "projected")
@@ -34,7 +34,7 @@ def test_the_spread_is_an_estimate_of_the_largest_error():
 
 def test_who_disagrees_is_named_and_the_matrix_shown():
     with pytest.raises(AssertionError, match=r"honest and (projected|hht) differ by") as caught:
-        assert_solvers_agree(UNKNOWN, ("projected", "hht", Larger()), rtol=1e-4)
+        assert_solvers_agree(UNKNOWN, ("projected", "hht", faulty(larger_by_three_percent)), rtol=1e-4)
     assert "largest difference" in str(caught.value)
     assert "hht and projected differ" not in str(caught.value)
 

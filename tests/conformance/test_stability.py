@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hhtbench.conformance.stability.closed_forms import FORMS, measure_closed_forms
+from hhtbench.conformance.stability.newton import efforts
+from hhtbench.conformance.stability.tables import STEP, allowed, markdown
 
 from hhtbench import api, processes
 from hhtbench.conformance import Kind as CheckKind
@@ -17,11 +20,8 @@ from hhtbench.conformance.cell import Kind, Outcome, measure
 from hhtbench.conformance.families import AXES, chosen_axes, linkages, modes, recurrence, scenes, servos
 from hhtbench.conformance.families.quaternions import turning
 from hhtbench.conformance.stability import study, workers
-from hhtbench.conformance.stability.closed_forms import FORMS, measure_closed_forms
-from hhtbench.conformance.stability.newton import efforts
 from hhtbench.conformance.stability.page import stability_page, write_stability
 from hhtbench.conformance.stability.study import Stability, letters, study_stability
-from hhtbench.conformance.stability.tables import STEP, allowed, markdown
 from hhtbench.conformance.stability.workers import Batch, Measured, outcome_in
 from hhtbench.report import STABILITY
 from hhtbench.report.atlas import failure_atlas
