@@ -89,7 +89,9 @@ def test_an_entry_declines_what_the_solver_lacks():
 
 
 def test_nothing_here_imports_pytest_unless_it_is_used():
-    code = "import sys; from hhtbench.conformance import check_solver; check_solver('hht'); sys.exit('pytest' in sys.modules)"
+    code = (
+        "import sys; from hhtbench.conformance import check_solver; check_solver('hht'); sys.exit('pytest' in sys.modules)"
+    )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

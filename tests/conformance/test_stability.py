@@ -12,6 +12,7 @@ import pytest
 from hhtbench.conformance.stability.closed_forms import FORMS, measure_closed_forms
 from hhtbench.conformance.stability.newton import efforts
 from hhtbench.conformance.stability.tables import STEP, allowed, markdown
+from hhtbench.studies.acceptance.method import MATRIX
 
 from hhtbench import api, processes
 from hhtbench.conformance import Kind as CheckKind
@@ -26,7 +27,6 @@ from hhtbench.conformance.stability.workers import Batch, Measured, outcome_in
 from hhtbench.report import STABILITY
 from hhtbench.report.atlas import failure_atlas
 from hhtbench.store.rows import RunRow
-from hhtbench.studies.acceptance.method import MATRIX
 from solvers.hht.verify.damping import roots
 from tests.studies.liars import (
     Across,

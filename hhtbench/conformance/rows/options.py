@@ -65,9 +65,7 @@ def bad_steps(subject: Subject) -> Cases:
     yield "longer", "" if np.array_equal(long.q, one.q) else "another result"
 
 
-@row(
-    "O5", "max_num_steps 0, 20, None; few evaluations, no time", "0 refused; the status; 20 steps in the interval"
-)
+@row("O5", "max_num_steps 0, 20, None; few evaluations, no time", "0 refused; the status; 20 steps in the interval")
 def budgets(subject: Subject, request: dict[str, Any]) -> Cases:
     """With output at every step and at a few times."""
     given = problem(Rod(), (0.0, 3.0))
