@@ -101,8 +101,8 @@ def family(id: str, parameter: str, known: Known | None = None) -> Callable[[Cal
 
     def register(cells: Callable[[int], Iterable[Cell]]) -> Entry:
         sentence = (cells.__doc__ or "").partition("\n")[0]
-        given = {"lane": Lane.extremes, "parameter": parameter, "known": known or {}}
-        return Entry(id=id, sentence=sentence, measure=measure, cells=cells, **given)
+        made = Entry(id=id, sentence=sentence, measure=measure, cells=cells, lane=Lane.extremes, parameter=parameter)
+        return replace(made, known=known or {})
 
     return register
 
@@ -153,8 +153,14 @@ def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> 
     errors = {name: float(known.error(problem, found, *further)) for name, known in cell.expected.items()}
     shares = [errors[name] / known.most for name, known in cell.expected.items()]
     share = max((x if math.isfinite(x) else math.inf for x in shares), default=math.inf)
-    larger = Kind.warned if cell.cause and cell.cause in found.message else Kind.wrong
-    return replace(ended, kind=Kind.right if share <= 1.0 else larger, errors=errors, share=share)
+    arrived = replace(ended, kind=Kind.right, errors=errors, share=share)
+    if share <= 1.0:
+        return arrived
+    if cell.cause and cell.cause in found.message:
+        return replace(arrived, kind=Kind.warned)
+    found_off = ", ".join(f"{name} off by {error:.2g}" for name, error in errors.items())
+    allowed = "; ".join(f"{known.most:.2g} of {name}" for name, known in cell.expected.items())
+    return replace(arrived, kind=Kind.wrong, message=f"success, but {found_off}; allowed are {allowed}")
 
 
 def _attempts(c: Counters) -> int | None:

@@ -145,7 +145,8 @@ class Entry:
         if self.cells is not None:
             yield from ((cell,) for cell in self.cells(seed))
         else:
-            yield from [(case,) for case in self.scenes + self.parts] or [()]
+            cases: list[tuple[str, ...]] = [(case,) for case in self.scenes + self.parts]
+            yield from cases or [()]
 
     def name(self, *case: str | Cell) -> str:
         """Of the check that a case is: "position/order", "nan/force", "stiffness/h = 0.01 s/1e+12", "M1"."""

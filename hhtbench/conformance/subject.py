@@ -106,6 +106,10 @@ class Subject:
             return "" if self.is_hht else "it is about HHT's own steps and options"
         return "" if hasattr(self.solver, need) else f"{self.name} has no {need}"
 
+    def having(self, method: str) -> Any:
+        """A method of the solver that is no part of the protocol; an entry that needs it says so."""
+        return getattr(self.solver, method)
+
     # --- what rows of the acceptance matrix ask -------------------------------------------------------------------------
 
     def ways(self) -> Mapping[str, dict[str, Any]]:

@@ -1,4 +1,4 @@
-"""Solvers that mislead, for the study of stability: no figure of it may count them as right."""
+"""Synthetic solvers that mislead: no cell of a family may count them as right."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import hhtbench as hb
 from hhtbench.conformance.scenes.circles import FAST, FIRST, SECOND, SLOW, on_circle
 from hhtbench.conformance.scenes.pendulum import PERIOD
 
+SYNTHETIC = __file__  # that specs of these solvers name
+
 
 class Straight:
     """Goes straight on, constraints or not, and says success."""
@@ -24,12 +26,12 @@ class Straight:
     def solve(self, problem, request):
         t = self.rows(problem, request)
         rows = np.size(problem.system.constraint(t[0], problem.q0)) if hasattr(problem.system, "constraint") else 0
-        return said(t, *self.told(problem, request, t), np.zeros((t.size, rows)))
+        return said(t, *self.motion(problem, request, t), np.zeros((t.size, rows)))
 
     def rows(self, problem, request):
         return np.linspace(*problem.t_span, 5) if request.t_eval is None else np.asarray(request.t_eval)
 
-    def told(self, problem, request, t):
+    def motion(self, problem, request, t):
         """q and v."""
         return problem.q0 + np.outer(t - problem.t_span[0], problem.v0), np.tile(problem.v0, (t.size, 1))
 
@@ -41,7 +43,7 @@ def said(t, q, v, lam):
 class Still(Straight):
     """Stays where it was let go."""
 
-    def told(self, problem, request, t):
+    def motion(self, problem, request, t):
         return np.tile(problem.q0, (t.size, 1)), np.zeros((t.size, problem.q0.size))
 
 
@@ -69,13 +71,13 @@ class Dying(Straight):
 
 
 class Exact(Straight):
-    """The closed solution with its multipliers, but for what is told of it."""
+    """The closed solution with its multipliers, but for what a child changes."""
 
     def solve(self, problem, request):
         t = self.rows(problem, request)
-        return said(t, *self.told(problem, request, t), np.array([problem.exact(float(s)).lam for s in t]))
+        return said(t, *self.motion(problem, request, t), np.array([problem.exact(float(s)).lam for s in t]))
 
-    def told(self, problem, request, t):
+    def motion(self, problem, request, t):
         known = [problem.exact(float(s)) for s in self.when(t)]
         return np.array([x.q for x in known]), np.array([x.v for x in known])
 
@@ -86,8 +88,8 @@ class Exact(Straight):
 class Ignoring(Exact):
     """Integrates the applied forces of the right motion and leaves out those of the constraints, which it knows by heart."""
 
-    def told(self, problem, request, t):
-        q, v = super().told(problem, request, t)
+    def motion(self, problem, request, t):
+        q, v = super().motion(problem, request, t)
         jacobian = jax.jit(jax.jacfwd(lambda q: problem.system.constraint(0.0, q)))
         times = np.linspace(*problem.t_span, 201)
         known = [problem.exact(float(s)) for s in times]
@@ -109,16 +111,16 @@ class Powerless(Exact):
 class Across(Exact):
     """Leaves the second of two constraints, slowly."""
 
-    def told(self, problem, request, t):
-        q, v = super().told(problem, request, t)
+    def motion(self, problem, request, t):
+        q, v = super().motion(problem, request, t)
         return q + 0.05 * np.outer(t, SECOND), v + 0.05 * SECOND
 
 
 class Shaking(Exact):
     """With a vibration across that has grown to a thousandth of the motion."""
 
-    def told(self, problem, request, t):
-        q, v = super().told(problem, request, t)
+    def motion(self, problem, request, t):
+        q, v = super().motion(problem, request, t)
         return q + 1e-3 * np.outer(np.sin(40 * t), FAST), v
 
 
@@ -132,15 +134,15 @@ class OutOfPhase(Exact):
 class Beside(Exact):
     """Right to 0.15 of the unit of length."""
 
-    def told(self, problem, request, t):
-        q, v = super().told(problem, request, t)
+    def motion(self, problem, request, t):
+        q, v = super().motion(problem, request, t)
         return q + 0.15, v
 
 
 class Deaf(Exact):
     """Goes on as if no force had jumped: the circle of the problem, and y = cos t on its arc."""
 
-    def told(self, problem, request, t):
+    def motion(self, problem, request, t):
         radius = float(problem.system.radius)
         known = [on_circle(np.cos(s), -np.sin(s), SLOW, FIRST, radius) for s in t]
         return [np.array(x) for x in zip(*known, strict=True)]

@@ -16,8 +16,8 @@ import hhtbench
 from hhtbench.conformance import Check, check_problem, check_solver
 from hhtbench.conformance.scenes import SCENES
 from hhtbench.processes import one_blas_thread
-from tests.faults.loops import STALE, follow_the_sources
 from tests.conformance.claims import claims_of
+from tests.faults.loops import STALE, follow_the_sources
 
 SECONDS = 75  # of processor time: a fault may make a loop endless; without one all checks take a third of it
 

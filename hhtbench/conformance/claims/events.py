@@ -40,7 +40,7 @@ def _solved(subject: Subject, direction: int = 0, terminal: bool = False) -> tup
     """The pendulum with that event, and what its error may be."""
     scene = subject.scene("position")
     request = subject.ladder(scene.problem)[1]
-    solver = subject.solver.with_events(_height(direction, terminal))
+    solver = subject.having("with_events")(_height(direction, terminal))
     return scene, subject.solve(scene.problem, solver, **request), subject.bound(request, scene.problem)
 
 

@@ -29,7 +29,8 @@ class Planned(Exception):
 def _replaced(name: str, change: Callable[[float, Any], Any]) -> Scene:
     """The pendulum of plain functions; what the function ``name`` returns goes through ``change(t, value)``."""
     function: Any = declared(numpy_pendulum().problem.system, name)
-    return numpy_pendulum(**{name: lambda t, *arguments: change(t, function(t, *arguments))})
+    changed: dict[str, Any] = {name: lambda t, *arguments: change(t, function(t, *arguments))}
+    return numpy_pendulum(**changed)
 
 
 def _says(solution: Solution, *words: str) -> None:
@@ -74,7 +75,12 @@ def budget_of_evaluations(subject: Subject) -> None:
 @claim("budget/seconds")
 def budget_of_seconds(subject: Subject) -> None:
     """``max_seconds`` ends the run with status deadline, soon."""
-    scene = _replaced("force", lambda t, value: (time.sleep(0.005), value)[1])
+
+    def slow(t: float, value: Any) -> Any:
+        time.sleep(0.005)
+        return value
+
+    scene = _replaced("force", slow)
     request = subject.ladder(scene.problem)[-1]
     began = time.perf_counter()
     solution = subject.solve(scene.problem, **request, max_seconds=0.05)

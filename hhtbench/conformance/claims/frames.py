@@ -134,7 +134,7 @@ def two_halves(subject: Subject, part: str) -> None:
 @claim("restart/checkpoint", needs=("stepper",))
 def checkpoint(subject: Subject) -> None:
     """Where the solver has a ``stepper``, steps that were saved and resumed end bit by bit as those that were not."""
-    make: Any = getattr(subject.solver, "stepper")  # noqa: B009 - which a solver may lack
+    make = subject.having("stepper")
     scene = subject.scene("position")
     request = make_request(**subject.ladder(scene.problem)[1])
     going, saved = make(scene.problem, request), make(scene.problem, request)

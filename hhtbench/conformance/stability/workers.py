@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 from hhtbench.conformance.cell import MAX_COMPILING, Cell
@@ -54,9 +54,8 @@ def outcome_in(worker: Worker, batch: Batch, place: int) -> Outcome:
         kind, text = Kind.hung, f"no answer in {most:g} s, of which {cell.seconds:g} s were its budget; killed"
     except EOFError as ended:
         kind, text = Kind.crashed, str(ended)
-    where = {"id": batch.family, "case": str(cell), "solver": batch.solver, "x": cell.x, "line": cell.line}
-    took = time.perf_counter() - began
-    return Outcome(kind=kind, status=Status.crashed.label, message=text, seconds=took, **where)
+    ended = Outcome(kind=kind, status=Status.crashed.label, message=text, seconds=time.perf_counter() - began)
+    return replace(ended, id=batch.family, case=str(cell), solver=batch.solver, x=cell.x, line=cell.line)
 
 
 def _outcome(batch: Batch, place: int) -> Outcome:
