@@ -5,10 +5,10 @@ problem.  Two runs whose settings differ by a fixed factor differ by the error o
 contracts.  Only where it does is anything said.  `hhtbench verify accuracy` checks the estimate.
 
 Runs that step over the same place agree too.  So where they agree far better than was asked, in few steps, the equations of
-motion are looked at between the rows (:mod:`hhtbench.trust.stepped_over`).  What they say against the runs is either shown
-by runs of shorter steps, of a solver that takes ``max_step``, or leaves the error unshown.  A push shorter than a
-two-hundredth of the interval may lie between the places that are looked at, and one during a motion that needs more steps
-than that is not looked for.
+motion are checked between the rows (:mod:`hhtbench.checks.result.stepped_over`).  What they say against the runs is either
+shown by runs of shorter steps, of a solver that takes ``max_step``, or leaves the error unshown.  A push shorter than a
+two-hundredth of the interval may lie between the places that are checked, and one during a motion that needs more steps than
+that is not searched for.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from dataclasses import fields, replace
 import numpy as np
 
 from hhtbench.arguments import real_number
+from hhtbench.checks.result.stepped_over import PLACES, Look, stepped_over
 from hhtbench.errors import ProblemError
 from hhtbench.finer_runs import FinerRuns, Run
 from hhtbench.protocol import NumpySystem, Problem, Solver
 from hhtbench.request import Request
 from hhtbench.result import Counters, Solution, Status
-from hhtbench.trust.stepped_over import PLACES, Look, stepped_over
 
 Once = Callable[[Request], Solution]
 

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from hhtbench.api import solve
-from hhtbench.checks import check
+from hhtbench.checks.problem import check
 from hhtbench.evidence import Row
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem

@@ -13,7 +13,7 @@ import pytest
 from hhtbench import Motion, NumpySystem, Problem, Request, Scales, Solution, Status, System, load_solver
 from hhtbench.campaign import accuracy
 from hhtbench.campaign.metrics import MOST_POINTS, measure, spans
-from hhtbench.drift import measure as drift
+from hhtbench.checks.drift import measure as drift
 from hhtbench.evidence import plain
 from hhtbench.result import DenseOutput, Ends
 from tests.adapters import scenes

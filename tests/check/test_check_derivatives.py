@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.checks import check
+from hhtbench.checks.problem import check
 from hhtbench.protocol import Problem, System
 from tests.check.scenes import Q0, V0, Bead, bead, bead_problem, failed, jax_bead, problem, row, skate, skate_problem
 

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.rows import attempt
+from hhtbench.checks.problem.rows import attempt
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.dynamics.differences import EPS, derivative_along
 from hhtbench.lowering.dynamics.dynamics import evaluate

@@ -1,7 +1,7 @@
 """What a solution's rows and counters show without any physics: types, shapes, times, finiteness, the start, the work.
 
 Each check gives the empty text or what speaks against a success, beginning with the name of the check.  Whether multipliers
-may be nan, :mod:`hhtbench.trust.rank` tells.
+may be nan, :mod:`hhtbench.checks.result.rank` tells.
 """
 
 from __future__ import annotations

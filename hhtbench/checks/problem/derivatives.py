@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix
-from hhtbench.checks.deviation import USABLE, Worst, by_complex_step, by_differences, of_one_size, worse
-from hhtbench.checks.reference import Probe, Reference, References, part_rows, parts_of, split
-from hhtbench.checks.rows import attempt, not_measured
+from hhtbench.checks.problem.deviation import USABLE, Worst, by_complex_step, by_differences, of_one_size, worse
+from hhtbench.checks.problem.reference import Probe, Reference, References, part_rows, parts_of, split
+from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.dynamics.dynamics import evaluate

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.checks.result.levels import spread
+from hhtbench.checks.result.sizes import sizes_of
 from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution
-from hhtbench.trust.levels import spread
-from hhtbench.trust.sizes import sizes_of
 
 LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known
 ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints are always below

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.checks.result.sizes import BESIDE
 from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, Dynamics, NotNative, at_rows, derive, native, route_of, too_large
@@ -18,7 +19,6 @@ from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
-from hhtbench.trust.sizes import BESIDE
 
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
 DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import all_finite
+from hhtbench.checks.result.levels import violated
+from hhtbench.checks.result.rank import unknown_without_reason
+from hhtbench.checks.result.rows import doubt_about
+from hhtbench.checks.result.sizes import sizes_of
 from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, derive
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution
-from hhtbench.trust.levels import violated
-from hhtbench.trust.rank import unknown_without_reason
-from hhtbench.trust.rows import doubt_about
-from hhtbench.trust.sizes import sizes_of
 
 MOVED = 0.1  # of the typical size: by that much the start leads away over the interval, to first order
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.checks.result.flow import Equations, Flow, NotJudged
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution, ends_of
-from hhtbench.trust.flow import Equations, Flow, NotJudged
 
 PLACES = 200
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # its multiples' fractional parts hit no grid

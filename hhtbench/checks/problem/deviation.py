@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.reference import Probe, Reference, References, blocks
+from hhtbench.checks.problem.reference import Probe, Reference, References, blocks
 
 if TYPE_CHECKING:
-    from hhtbench.checks.derivatives import Derivative
+    from hhtbench.checks.problem.derivatives import Derivative
 
 OWN_ERROR = 2.0  # times the error that differences show themselves is no deviation
 USABLE = 1e-2  # of a row, of which a hundredth of its terms counts: differences with a larger error judge nothing

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.checks.result.flow import NotJudged
+from hhtbench.checks.result.motion import BOUND, MOST_EVALUATIONS, Follower, Multipliers, signs
 from hhtbench.result import Solution
-from hhtbench.trust.flow import NotJudged
-from hhtbench.trust.motion import BOUND, MOST_EVALUATIONS, Follower, Multipliers, signs
 
 ROUNDOFF = 1e-8  # of the largest force
 LAG = 7.0  # times the square root of the error allowed of a step, in typical sizes: HHT's stages lag by up to 5.4

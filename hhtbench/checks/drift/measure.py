@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.drift.energy import (
+from hhtbench.checks.drift.energy import (
     Balance,
     Fed,
     balance,

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import real_values
-from hhtbench.checks.rows import attempt, yes_or_fault
-from hhtbench.checks.scales import Sizes
-from hhtbench.checks.start import Start
+from hhtbench.checks.problem.rows import attempt, yes_or_fault
+from hhtbench.checks.problem.scales import Sizes
+from hhtbench.checks.problem.start import Start
 from hhtbench.evidence import Row
 from hhtbench.lowering import CONSISTENT
 from hhtbench.protocol import Problem, declared

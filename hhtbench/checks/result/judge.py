@@ -12,19 +12,19 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.checks.result.allowed import allowed_errors
+from hhtbench.checks.result.flow import Equations, NotJudged
+from hhtbench.checks.result.levels import CHECKED_ROWS, spread, violated
+from hhtbench.checks.result.motion import Follower, Multipliers, Rows, Window
+from hhtbench.checks.result.rank import unknown_without_reason
+from hhtbench.checks.result.reactions import Row, rows_of, wrong_reactions
+from hhtbench.checks.result.rows import doubt_about
+from hhtbench.checks.result.sizes import sizes_of
+from hhtbench.checks.result.suspects import bends, stand_out
 from hhtbench.lowering import derive
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Solution
-from hhtbench.trust.allowed import allowed_errors
-from hhtbench.trust.flow import Equations, NotJudged
-from hhtbench.trust.levels import CHECKED_ROWS, spread, violated
-from hhtbench.trust.motion import Follower, Multipliers, Rows, Window
-from hhtbench.trust.rank import unknown_without_reason
-from hhtbench.trust.reactions import Row, rows_of, wrong_reactions
-from hhtbench.trust.rows import doubt_about
-from hhtbench.trust.sizes import sizes_of
-from hhtbench.trust.suspects import bends, stand_out
 
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
 NEAR = 50  # steps at the beginning of a window that are looked at beside its output rows

@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.deviation import OWN_ERROR
-from hhtbench.checks.reference import Probe, split
-from hhtbench.checks.rows import attempt, not_measured
-from hhtbench.checks.scales import Sizes
+from hhtbench.checks.problem.deviation import OWN_ERROR
+from hhtbench.checks.problem.reference import Probe, split
+from hhtbench.checks.problem.rows import attempt, not_measured
+from hhtbench.checks.problem.scales import Sizes
 from hhtbench.evidence import Row
 from hhtbench.lowering import (
     CONSISTENT,
