@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -50,6 +50,22 @@ class Jumps:
     after: Vector  #: (k,) the first times at which they are those behind them [s]
     declined: str = ""  #: which jump makes the motion undetermined, or cannot be resolved, at what time; "" where none does
     _dynamics: Dynamics | None = None
+
+    def between(self, start: float, end: float) -> list[int]:
+        """The jumps that a motion from ``start`` [s] to ``end`` [s] comes to."""
+        sign = 1.0 if end > start else -1.0
+        inside = (sign * self.before >= sign * start) & (sign * self.after <= sign * end)
+        return [int(i) for i in np.flatnonzero(inside)]
+
+    def towards(self, direction: float) -> Jumps:
+        """These jumps as a motion comes to them in that ``direction`` of time."""
+        if not self.times.size or (self.after[0] > self.before[0]) == (direction > 0.0):
+            return self
+        return replace(self, times=self.times[::-1], before=self.after[::-1], after=self.before[::-1])
+
+    def near(self, t: Any, distance: float) -> Any:
+        """Whether each of the times ``t`` (k,) is within ``distance`` [s] of a jump."""
+        return np.any(np.abs(np.asarray(t)[:, None] - self.times) <= distance, axis=1)
 
     def velocities(self, i: int, q: Vector, v: Vector) -> tuple[Vector, Vector]:
         """The velocities (n,) behind jump ``i`` of a motion with ``q, v`` (n,) before it, and the impulse p (m + p,).
@@ -127,10 +143,7 @@ class _Search:
         declares = ("constraint_time_derivative", "constraint_acceleration")
         self._by_slope = dynamics.xp is np and s.m > 0 and not all(map(dynamics.gives, declares))
         self._shortest = 4.0 * DIFFERENCES if self._by_slope else 0.0
-        self._rows: Callable[[Any, Any, Any], Matrix] | None = None
-        if route_of(dynamics) != "numpy" and too_large(dynamics) is None:
-            with suppress(NotNative):
-                self._rows = at_rows(native(level_terms, dynamics, shapes=((), (s.n,), (s.n,))))
+        self._rows = levels_at_rows(dynamics)
         beside = [
             np.cos(np.arange(s.n) + phase) * size for phase, size in ((1.0, problem.scales.q), (2.0, problem.scales.v))
         ]
@@ -223,6 +236,16 @@ class _Search:
                 merged.append([low, high])
         before, after = np.array(merged).reshape(-1, 2).T
         return before, after
+
+
+def levels_at_rows(dynamics: Dynamics) -> Callable[[Any, Any, Any], Matrix] | None:
+    """Machine code of ``level_terms`` at many rows t (k,), q and v (k, n) in one call; None where there is none."""
+    if route_of(dynamics) == "numpy" or too_large(dynamics) is not None:
+        return None
+    n = dynamics.structure.n
+    with suppress(NotNative):
+        return at_rows(native(level_terms, dynamics, shapes=((), (n,), (n,))))
+    return None
 
 
 def _shortest(*sides: float) -> float:

@@ -63,11 +63,8 @@ def test_numerics_of_the_bench_are_behind_every_cell_and_its_surface_is_not(outs
         "outside.shared",
     }
     assert inner <= set(behind)
-    assert not [
-        name
-        for name in behind
-        if name.startswith(("hhtbench.cli", "hhtbench.report", "hhtbench.checks.problem", "outside.o"))
-    ]
+    surface = ("hhtbench.cli", "hhtbench.report", "hhtbench.checks.problem", "outside.o")
+    assert not [name for name in behind if name.startswith(surface)]
 
 
 def test_solvers_of_the_library_rest_on_their_package_but_not_on_their_verification():

@@ -7,11 +7,11 @@ a window to begin.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.result import Ends, Solution
 
 STILL = 1e-3  # of the median speed of change: slower rows may be frozen
 LEAP = 30.0  # times the median of what the velocities leave of the way to the next row: a larger one may be a jump
@@ -20,8 +20,8 @@ APART = 1e-9  # of the interval: the way between rows nearer to one another is r
 Between = Callable[[Vector, Matrix, Matrix], Matrix]  # vdot (k, n) at t (k,), q and v (k, n)
 
 
-def stand_out(rows: Solution | Ends, size: Vector) -> list[int]:
-    """Those ``rows`` i whose way to row i + 1 stands out; ``size`` (2n,) of [q, v].
+def stand_out(rows: Any, size: Vector) -> list[int]:
+    """Those ``rows`` i, with t, q, v, whose way to row i + 1 stands out; ``size`` (2n,) of [q, v].
 
     At most three: the first that hardly moves, the slowest of these, and the one whose velocities leave most of its way.
     """
