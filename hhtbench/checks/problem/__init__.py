@@ -112,6 +112,7 @@ def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[Probe]:
 def _samples(dynamics: Dynamics, references: References, states: list[Probe]) -> tuple[Row, list[Sample]]:
     """References and given derivatives at every state where the system is defined; the start must be one."""
     given = given_derivatives(dynamics)
+    automatic = (lambda _: {}) if references.from_differences else given_derivatives(references.plain)
     samples, fault, left_out = [], "", 0
     for i, state in enumerate(states):
         label = "at the start" if i == 0 else f"at random state {i}"
@@ -121,7 +122,7 @@ def _samples(dynamics: Dynamics, references: References, states: list[Probe]) ->
             fault = fault or (reason if i == 0 else "")
             left_out += 1
         else:
-            samples.append(Sample(label, state, outcome.value, given(state)))
+            samples.append(Sample(label, state, outcome.value, given(state), automatic(state)))
     measured = f"finite at {len(samples)} of {len(states)} states"
     if left_out and not fault:
         measured += "; the others are left out"
