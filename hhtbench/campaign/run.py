@@ -21,7 +21,7 @@ from hhtbench.arguments import Vector
 from hhtbench.campaign.accuracy import same_time
 from hhtbench.campaign.metrics import counters_of, measure
 from hhtbench.checks.result.judge import judge
-from hhtbench.checks.result.rows import doubt_about, ends_elsewhere, impossible_work, too_few
+from hhtbench.checks.result.success import doubt_about, ends_elsewhere, impossible_work, too_few
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import derive, operations
 from hhtbench.protocol import Problem, Solver

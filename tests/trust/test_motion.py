@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hhtbench import Counters, Ends, NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
+from hhtbench.checks.result.between import stand_out
 from hhtbench.checks.result.judge import Judgement, judge
-from hhtbench.checks.result.rows import too_few
-from hhtbench.checks.result.suspects import stand_out
+from hhtbench.checks.result.success import too_few
 from tests.trust.liars import MOTIONS, Liar
 
 PROBLEMS = ("simple_pendulum", "knife_edge", "jay_negrut_test1")

@@ -14,14 +14,12 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.result.allowed import allowed_errors
+from hhtbench.checks.result.between import bends, stand_out
 from hhtbench.checks.result.flow import Equations, NotJudged
-from hhtbench.checks.result.levels import CHECKED_ROWS, spread, violated
+from hhtbench.checks.result.levels import CHECKED_ROWS, sizes_of, spread, unknown_without_reason, violated
 from hhtbench.checks.result.motion import Follower, Multipliers, Rows, Window
-from hhtbench.checks.result.rank import unknown_without_reason
 from hhtbench.checks.result.reactions import Row, rows_of, wrong_reactions
-from hhtbench.checks.result.rows import SAME_TIME, doubt_about
-from hhtbench.checks.result.sizes import sizes_of
-from hhtbench.checks.result.suspects import bends, stand_out
+from hhtbench.checks.result.success import SAME_TIME, doubt_about
 from hhtbench.jumps import Jumps
 from hhtbench.lowering import derive
 from hhtbench.protocol import Problem

@@ -1,28 +1,36 @@
-"""The one check of every success: shapes, times, finiteness, the start, counters, constraints, rows that stand still.
+"""Can a success be believed?  Types, shapes, times, finiteness, the start, the work, constraints, rows that stand still.
 
-It integrates nothing and takes some microseconds.
+Each check gives the empty text or what speaks against a success, beginning with the name of the check.  None integrates:
+all of them together take some microseconds, and :func:`check_success` makes them of every success that ``hb.solve`` returns.
 """
 
 from __future__ import annotations
 
 from contextlib import suppress
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import all_finite
-from hhtbench.checks.result.levels import violated
-from hhtbench.checks.result.rank import unknown_without_reason
-from hhtbench.checks.result.rows import doubt_about
-from hhtbench.checks.result.sizes import sizes_of
+from hhtbench.arguments import Matrix, Vector, all_finite
+from hhtbench.checks.result.levels import sizes_of, unknown_without_reason, violated
 from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import AccelerationLevel, derive
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
-from hhtbench.result import Solution
+from hhtbench.result import Counters, Ends, Solution, Status
 
+SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
+SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
+ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
+TOLD = 0.9  # of the steps that are counted: so many ends at least
+COUNTED = tuple(field.name for field in fields(Counters) if field.name != "provenance")
+EMPTY = np.zeros(0)
+FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
 MOVED = 0.1  # of the typical size: by that much the start leads away over the interval, to first order
+
+Motion = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 
 
 def check_success(problem: Problem, request: Request, solution: Any, clock: Clock | None = None) -> str:
@@ -37,6 +45,188 @@ def check_success(problem: Problem, request: Request, solution: Any, clock: Cloc
         doubt = unknown_without_reason(problem, solution, clock)
     doubt = doubt or violated(problem, request, (solution.t, solution.q, solution.v), clock=clock)
     return doubt or (_rests(problem, solution) if solution.q[0].tobytes() == solution.q[-1].tobytes() else "")
+
+
+def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
+    """Why what a solver returned as a success cannot be one; "" where nothing says so, or where it is no success."""
+    if not isinstance(solution, Solution) or not isinstance(solution.status, Status):
+        return f"type: a Solution with a Status was expected; the solver returned {type(solution).__name__}."
+    if not solution.success:
+        return ""
+    complete, motion = solution.status is Status.success, (solution.t, solution.q, solution.v)
+    return (
+        _shapes(problem, solution)
+        or _finite(solution)
+        or _order(problem, solution.t)
+        or (_end(problem, request, solution.t) if complete else "")
+        or _output_times(problem, request, solution.t, complete)
+        or _start(problem, request, motion)
+        or ("" if complete else _event(problem, request, solution))
+        or _counters(request, solution)
+        or ("" if solution.ends is None else _ends(problem, request, solution))
+    )
+
+
+def too_few(ends: Ends, counters: Counters) -> bool:
+    """Whether they cannot be all ends of the steps that are counted; far from t = 0 times are rounded to one."""
+    gap = float(np.abs(np.diff(ends.t)).min(initial=np.inf))
+    return ends.t.size < TOLD * (counters.steps_accepted or 0) and gap > 4 * np.spacing(np.abs(ends.t).max())
+
+
+def _ends(problem: Problem, request: Request, solution: Solution) -> str:
+    ends = solution.ends
+    if not isinstance(ends, Ends):
+        return f"type: ends must be an Ends; it is {type(ends).__name__}."
+    n, k = problem.q0.size, len(ends.t) if isinstance(ends.t, np.ndarray) else 0
+    shapes = {"ends.t": (ends.t, (k,)), "ends.q": (ends.q, (k, n)), "ends.v": (ends.v, (k, n))}
+    for name, (value, wanted) in shapes.items():
+        if not (k and isinstance(value, np.ndarray) and value.dtype.kind == "f" and value.shape == wanted):
+            return f"shapes: {name} must be an array of float64, {wanted}, with a row for every end of a step."
+    found = _finite(ends) or _order(problem, ends.t)
+    last, (t0, t1) = solution.t[-1], problem.t_span
+    if not found and (last - ends.t[-1]) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
+        return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the last row at t = {last:.17g}."
+    if not found and (ends.t[-1] - t1) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
+        return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the interval ends at t = {t1:.17g}."
+    if not found and too_few(ends, solution.counters):
+        return f"ends of steps: {k} are told, and {solution.counters.steps_accepted} steps were accepted."
+    return found or _start(problem, request, (ends.t, ends.q, ends.v))
+
+
+def impossible_work(counters: Counters, seconds: float) -> str:
+    """Which counter is more than could be done in so many ``seconds`` of wall time, in words."""
+    for field in fields(Counters):
+        value = getattr(counters, field.name)
+        if isinstance(value, (int, np.integer)) and value * FASTEST > seconds:
+            return f"counters: {value:.3g} {field.name} within {seconds:.2g} s are more than a computer can do."
+    return ""
+
+
+def ends_elsewhere(problem: Problem, request: Request, first: Solution, again: Solution) -> str:
+    """How far apart two solves end that were asked for the same, in words; "" where that can be believed."""
+    if not (first.t.size and again.t.size and first.t[-1] == again.t[-1]):
+        return ""
+    rtol = 0.0 if request.rtol is None else float(np.max(request.rtol))
+    allowed = min(ANOTHER, GLOBAL * rtol) if rtol > 0.0 else ANOTHER
+    for name in ("q", "v"):
+        one, other = getattr(first, name), getattr(again, name)[-1]
+        size = max(float(np.max(np.abs(one))), float(np.max(getattr(problem.scales, name))))
+        off = float(np.max(np.abs(one[-1] - other)))
+        if off > allowed * size:
+            return (
+                f"repetition: solved again with its last row only, it ends with {name} off by {off / size:.2g} of its size."
+            )
+    return ""
+
+
+def _shapes(problem: Problem, solution: Solution) -> str:
+    for name in ("t", "q", "v", "lam", "mu"):
+        value = getattr(solution, name)
+        if not isinstance(value, np.ndarray) or value.dtype.kind != "f":
+            kind = f"{type(value).__name__} of {value.dtype}" if isinstance(value, np.ndarray) else type(value).__name__
+            return f"shapes: {name} must be an array of float64; it is {kind}."
+    if solution.t.ndim != 1:
+        return f"shapes: t must be (rows,); it is {solution.t.shape}."
+    rows, n = solution.t.size, problem.q0.size
+    for name, value in (("q", solution.q), ("v", solution.v)):
+        if value.shape != (rows, n):
+            return f"shapes: {name} must be {(rows, n)}, rows and coordinates; it is {value.shape}."
+    for name, value in (("lam", solution.lam), ("mu", solution.mu)):
+        if value.ndim != 2 or len(value) != rows:
+            return f"shapes: {name} must have {rows} rows, one for each time; it is {value.shape}."
+    return ""
+
+
+def _finite(rows: Solution | Ends) -> str:
+    """Which of t, q, v is not finite; of a Solution's multipliers, which may be nan, which is infinite."""
+    for name in ("t", "q", "v", "lam", "mu"):
+        value = getattr(rows, name, EMPTY)
+        if all_finite(value):
+            continue
+        good = np.isfinite(value) | (np.isnan(value) if name in ("lam", "mu") else False)
+        if not good.all():
+            row = int(np.argmin(good.reshape(len(value), -1).all(axis=1)))
+            return f"finiteness: {name} is not finite in row {row} of {len(value)}."
+    return ""
+
+
+def _order(problem: Problem, t: Vector) -> str:
+    first, last = problem.t_span
+    back = t[1:] < t[:-1] if last > first else t[1:] > t[:-1]
+    if not np.count_nonzero(back):  # in a fifth of the time of any()
+        return ""
+    i = int(np.argmax(back))
+    return f"order of times: after t = {t[i]:.17g} comes t = {t[i + 1]:.17g}."
+
+
+def _end(problem: Problem, request: Request, t: Vector) -> str:
+    if not t.size:
+        return "end: success was reported, but there are no rows."
+    end = problem.t_span[1]
+    last = end if request.t_eval is None else float(request.t_eval[-1])
+    if t[-1] == last:
+        return ""
+    what = "the interval ends" if last == end else "the last row was asked for"
+    return f"end: success was reported, but the last time is {t[-1]:.17g} and {what} at {last:.17g}."
+
+
+def _output_times(problem: Problem, request: Request, t: Vector, complete: bool) -> str:
+    asked = request.t_eval
+    if asked is None:
+        return ""
+    if complete and t.size != asked.size:
+        return f"output times: {t.size} of {asked.size} rows were given."
+    count = min(t.size if complete else t.size - 1, asked.size)  # the last row may be that of an event
+    if t[:count].tobytes() == asked[:count].tobytes():
+        return ""
+    off = np.abs(t[:count] - asked[:count]) > SAME_TIME * _span(problem)
+    if not off.any():
+        return ""
+    i = int(np.argmax(off))
+    return f"output times: row {i} was asked for at {asked[i]:.17g} and given at {t[i]:.17g}."
+
+
+def _start(problem: Problem, request: Request, motion: Motion) -> str:
+    if not motion[0].size or motion[0][0] != problem.t_span[0] or request.calc_initcond:
+        return ""
+    for name, rows, first in (("q", motion[1], problem.q0), ("v", motion[2], problem.v0)):
+        if rows[0].tolist() == first.tolist():
+            continue
+        allowed = SAME_START if request.rtol is None else max(SAME_START, 2.0 * float(np.max(request.rtol)))
+        off = np.abs(rows[0] - first)
+        if float(off.max()) > allowed * max(1.0, float(np.abs(first).max())):
+            i = int(np.argmax(off))
+            return f"start: {name}[{i}] is {rows[0, i]:.6g} in the first row and {first[i]:.6g} in the problem."
+    return ""
+
+
+def _event(problem: Problem, request: Request, solution: Solution) -> str:
+    last, ahead = solution.t[-1] if solution.t.size else np.nan, np.sign(problem.t_span[1] - problem.t_span[0])
+    room = SAME_TIME * _span(problem)
+    beyond = np.inf if request.t_eval is not None else room  # rows at given times end before the event
+    at_last = [np.any((ahead * (times - last) >= -room) & (ahead * (times - last) <= beyond)) for times in solution.t_events]
+    return "" if any(at_last) else "end: a terminal event is reported, and none is told at the last row."
+
+
+def _counters(request: Request, solution: Solution) -> str:
+    counters, complete = solution.counters, solution.status is Status.success
+    for name in COUNTED:
+        value = getattr(counters, name)
+        whole = type(value) is int or (isinstance(value, (int, np.integer)) and not isinstance(value, bool))
+        if value is not None and not (whole and value >= 0):
+            return f"counters: {name} is {value!r}; a whole number from 0 on was expected, or None: not reported."
+    least, evaluations = max(counters.steps_accepted or 0, 1), counters.residual_evaluations
+    if complete and evaluations is not None and evaluations < least:
+        told = f"{evaluations} evaluations of the forces are too few for {least} steps"
+        return f"counters: {told}; None stands for what is not reported."
+    steps = counters.steps_accepted or solution.t.size  # 0 where a plugin has left it as it was
+    if request.t_eval is None and solution.t.size - 1 - sum(map(len, solution.t_events)) > steps:
+        return f"counters: {solution.t.size} rows at the ends of steps are too many for {steps} steps."
+    return ""
+
+
+def _span(problem: Problem) -> float:
+    return abs(problem.t_span[1] - problem.t_span[0])
 
 
 def _rests(problem: Problem, solution: Solution) -> str:
