@@ -19,9 +19,8 @@ from hhtbench.checks.result.flow import Equations, NotJudged
 from hhtbench.checks.result.levels import CHECKED_ROWS, sizes_of, spread, unknown_without_reason, violated
 from hhtbench.checks.result.motion import Follower, Multipliers, Rows, Window
 from hhtbench.checks.result.reactions import Row, rows_of, wrong_reactions
-from hhtbench.checks.result.success import SAME_TIME, doubt_about
+from hhtbench.checks.result.success import SAME_TIME, doubt_about, wrong_columns
 from hhtbench.jumps import Jumps
-from hhtbench.lowering import derive
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Ends, Solution
@@ -58,7 +57,7 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
     if doubt or not solution.success:
         return Judgement(doubt)
     try:
-        doubt = _multipliers(problem, solution) or unknown_without_reason(problem, solution)
+        doubt = wrong_columns(problem, solution) or unknown_without_reason(problem, solution)
         equations = Equations(problem, solution.t)
         solution = _without_jumps(problem, solution, equations.jumps)
         for rows in filter(None, (solution, solution.ends)):
@@ -68,15 +67,6 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
         return Judgement("", not_judged=str(reason))
     except Exception as error:  # noqa: BLE001 - a function of the problem, which has its own check
         return Judgement("", not_judged=f"{type(error).__name__}: {error}")
-
-
-def _multipliers(problem: Problem, solution: Solution) -> str:
-    structure = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
-    for name, wanted in (("lam", structure.m), ("mu", structure.p)):
-        found = getattr(solution, name).shape[1]
-        if found != wanted:
-            return f"shapes: {name} has {found} columns; the system has {wanted} such constraints."
-    return ""
 
 
 def _without_jumps(problem: Problem, solution: Solution, jumps: Jumps) -> Solution:

@@ -7,7 +7,7 @@ all of them together take some microseconds, and :func:`check_success` makes the
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.checks.result.levels import sizes_of, unknown_without_reason, violated
 from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import AccelerationLevel, derive
+from hhtbench.lowering import CONSISTENT, AccelerationLevel, ConstraintLevels, derive
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Counters, Ends, Solution, Status
@@ -41,10 +41,31 @@ def check_success(problem: Problem, request: Request, solution: Any, clock: Cloc
     doubt = doubt_about(problem, request, solution)
     if doubt or not solution.success:
         return doubt
-    if not (all_finite(solution.lam) and all_finite(solution.mu)):
+    doubt = wrong_columns(problem, solution) or _moved_start(problem, request, solution)
+    if not doubt and not (all_finite(solution.lam) and all_finite(solution.mu)):
         doubt = unknown_without_reason(problem, solution, clock)
     doubt = doubt or violated(problem, request, (solution.t, solution.q, solution.v), clock=clock)
     return doubt or (_rests(problem, solution) if solution.q[0].tobytes() == solution.q[-1].tobytes() else "")
+
+
+def wrong_columns(problem: Problem, solution: Solution) -> str:
+    """Which multipliers have not one column for each constraint; "" where all have."""
+    structure = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
+    for name, wanted in (("lam", structure.m), ("mu", structure.p)):
+        found = getattr(solution, name).shape[1]
+        if found != wanted:
+            return f"shapes: {name} has {found} columns; the system has {wanted} such constraints."
+    return ""
+
+
+def _moved_start(problem: Problem, request: Request, solution: Solution) -> str:
+    """That a consistent start was moved, which ``calc_initcond`` leaves where it is; "" where it was not."""
+    place = problem.t_span[0], problem.q0, problem.v0
+    if not request.calc_initcond or not ConstraintLevels(derive(problem.system, *place)).at(*place).hold(
+        *place[1:], CONSISTENT
+    ):
+        return ""
+    return _start(problem, replace(request, calc_initcond=False), (solution.t, solution.q, solution.v))
 
 
 def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
