@@ -131,7 +131,7 @@ def find_jumps(problem: Problem, times: Any = None) -> Jumps:
 
 
 class _TooMany(Exception):
-    """The functions are no table of a few pieces; the text says so."""
+    """The constraints depend too irregularly on time; the text says where."""
 
 
 class _Search:

@@ -219,7 +219,7 @@ def test_the_acceleration_level_is_judged_at_every_step():
 
 
 def test_the_acceleration_level_of_many_steps_is_judged_at_some_from_the_first_to_the_last(monkeypatch):
-    monkeypatch.setattr(drift, "MOST_OWN", 10)
+    monkeypatch.setattr(drift, "MAX_OWN", 10)
     found = measure(circle(), replace(solution(carried=0.5), ends=ends(carried=0.75)))
     assert found.metrics["drift"]["acceleration"] == pytest.approx(0.2)
     times = found.series["acceleration"]["t"]

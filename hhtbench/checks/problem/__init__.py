@@ -132,7 +132,7 @@ def _samples(dynamics: Dynamics, references: References, states: list[Probe]) ->
 
 
 def _nonfinite(values: dict[str, Vector]) -> str:
-    """The first component that is NaN or infinite, in words."""
+    """The first component that is NaN or infinite, by name; empty where there is none."""
     for name, value in values.items():
         if not np.all(np.isfinite(value)):
             i = int(np.flatnonzero(~np.isfinite(value))[0])

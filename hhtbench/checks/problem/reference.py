@@ -142,7 +142,7 @@ class References:
         return np.stack([np.subtract(*(self._values(z, state.x) for z in pair)) for pair in sides], axis=1)
 
     def _noise(self, state: Probe, size: Matrix, jacobian: Matrix) -> Matrix:
-        """Roundoff of every row, (rows, 1): of its value and of z, whose digits may cancel in it, as far as J tells."""
+        """Roundoff of every row, (rows, 1): of its value and of z, whose digits may cancel in it, estimated by J."""
         terms = np.abs(jacobian) * np.maximum(np.abs(state.z), self.scales)
         noise = EPS * (size + np.fmax.reduce(terms, axis=1, keepdims=True))
         if self.from_differences and "constraint" in self.names:  # the velocity level is itself a difference

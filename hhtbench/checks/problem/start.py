@@ -29,7 +29,7 @@ from hhtbench.protocol import Problem
 
 SEMIDEFINITE = 1e-12
 DEPENDENT = 1e-10  # singular values below this of the scaled matrix are roundoff of dependent rows
-MOST_NAMED = 6  # offending rows in one text
+MAX_NAMED = 6  # offending rows in one text
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _level_row(row_id: str, claim: str, bound: str, misfits: list[Misfit]) -> Ro
     wrong = [f"{row.name} = {row.value:.3g}" for row in largest if not row.relative <= CONSISTENT]
     measured: str | float = float(largest[0].relative)
     if wrong:
-        measured = f"{measured:.2g}: {', '.join(wrong[:MOST_NAMED])}{', ...' if len(wrong) > MOST_NAMED else ''}"
+        measured = f"{measured:.2g}: {', '.join(wrong[:MAX_NAMED])}{', ...' if len(wrong) > MAX_NAMED else ''}"
     return Row(id=row_id, claim=claim, measured=measured, bound=bound, passed=not wrong)
 
 

@@ -11,7 +11,7 @@ from hhtbench.request import Request, plan_steps
 
 FINEST = 1e-10  # relative: no motion is known better after many steps
 RESOLVED = 1e-8  # relative: accuracy of the motion in the first steps
-MOST_EVALUATIONS = 2000  # of the equations, for the first steps
+MAX_EVALUATIONS = 2000  # of the equations, for the first steps
 STEPS_SEEN = 8  # fewest steps that show how well they resolve the motion
 PLACES = 4  # in every step of the integration here, its end included, at which is seen what prescribed steps miss
 
@@ -21,7 +21,7 @@ def allowed_errors(problem: Problem, request: Request, equations: Equations, siz
     if not request.fixed:
         return by_tolerance(request, size)
     t, start = problem.t_span[0], np.concatenate([problem.q0, problem.v0])
-    equations.begin(MOST_EVALUATIONS, (problem.lam_guess, problem.mu_guess))
+    equations.begin(MAX_EVALUATIONS, (problem.lam_guess, problem.mu_guess))
     flow = Flow(equations, t, start, problem.t_span[1], RESOLVED, size)
     return Missed(flow, (t, problem.t_span[1]), problem, request, size).so_far
 
@@ -42,7 +42,7 @@ class Missed:
     """
 
     def __init__(self, flow: Flow, interval: tuple[float, float], problem: Problem, request: Request, size: Vector) -> None:
-        """``flow`` along the ``interval`` [s], whose first ``STEPS_SEEN`` steps are looked at; ``size`` (2n,) of y."""
+        """``flow`` along the ``interval`` [s], whose first ``STEPS_SEEN`` steps are measured; ``size`` (2n,) of y."""
         plan, (t, end) = plan_steps(request, *problem.t_span), interval
         if plan.count < STEPS_SEEN:
             raise NotJudged(f"{plan.count} steps are too few to tell how well they follow the motion")

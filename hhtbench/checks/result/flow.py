@@ -49,18 +49,18 @@ class Equations:
         self._sizes = dynamics.structure.m, dynamics.structure.p
         self.linear = dynamics.structure.linear_reaction
         self._multipliers: Any = (None, None)
-        self._left = self._most = 0
+        self._left = self._limit = 0
 
-    def begin(self, most: int, multipliers: Any = None) -> None:
-        """Allow ``most`` evaluations; ``multipliers`` lam (m,), mu (p,) pick the root of a nonlinear reaction."""
-        self._left = self._most = most
+    def begin(self, limit: int, multipliers: Any = None) -> None:
+        """Allow ``limit`` evaluations; ``multipliers`` lam (m,), mu (p,) pick the root of a nonlinear reaction."""
+        self._left = self._limit = limit
         if not self.linear and multipliers is not None and tuple(map(np.size, multipliers)) == self._sizes:
             self._multipliers = tuple(multipliers)
 
     @property
     def used(self) -> int:
         """Evaluations since :meth:`begin`."""
-        return min(self._most, self._most - self._left)
+        return min(self._limit, self._limit - self._left)
 
     def along_constraints(self, t: float, y: Vector, change: Vector, size: Vector) -> Vector:
         """The part of a small ``change`` of y (2n,) that stays on the constraints; (2n,), in units of ``size``."""
@@ -101,7 +101,7 @@ class Equations:
         """[v, vdot]; NaN where the accelerations are not determined, from which a step is shortened."""
         self._left -= 1
         if self._left < 0:
-            raise NotJudged(f"the motion in it takes more than {self._most} evaluations")
+            raise NotJudged(f"the motion in it takes more than {self._limit} evaluations")
         n = self._n
         q, v = y[:n].copy(), y[n:].copy()
         try:

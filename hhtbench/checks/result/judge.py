@@ -27,12 +27,12 @@ from hhtbench.result import Ends, Solution
 
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
 MAX_NAMED = 5  # jumps that a message names
-NEAR = 50  # steps at the beginning of a window that are looked at beside its output rows
+NEAR = 50  # steps at the beginning of a window that are judged beside its output rows
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What speaks against a success, and how far it was looked at."""
+    """What speaks against a success, and what was checked."""
 
     doubt: str  #: begins with the name of the check that failed; "" where all is well
     windows: tuple[Window, ...] = ()  #: that were integrated again
@@ -50,7 +50,7 @@ class Judgement:
 def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -> Judgement:
     """Every check in turn until one fails; a result that is no success is not judged.
 
-    The solver's own steps are looked at where ``solution.ends`` holds them.  ``draw`` chooses the rows at which some of the
+    The solver's own steps are judged where ``solution.ends`` holds them.  ``draw`` chooses the rows at which some of the
     windows begin: nobody knows them before, the same number gives the same.
     """
     doubt = doubt_about(problem, request, solution)

@@ -53,10 +53,10 @@ def believable(request: Request) -> float:
     return min(BELIEVABLE, DRIFT * rtol) if rtol > 0.0 else BELIEVABLE
 
 
-def spread(count: int, most: int = CHECKED_ROWS) -> NDArray[np.intp]:
-    """Up to ``most`` of ``count`` rows, evenly spread, the first and the last among them."""
-    few = min(count, most)
-    return np.arange(few) * (count - 1) // max(few - 1, 1)
+def spread(count: int, limit: int = CHECKED_ROWS) -> NDArray[np.intp]:
+    """Up to ``limit`` of ``count`` rows, evenly spread, the first and the last among them."""
+    size = min(count, limit)
+    return np.arange(size) * (count - 1) // max(size - 1, 1)
 
 
 def violated(
@@ -118,10 +118,10 @@ class AtRows:
         self, problem: Problem, bound: float, rows: Rows, deep: bool, clock: Clock | None
     ) -> tuple[Vector, list[Levels]]:
         """The times of the rows that are checked, of many more if ``deep``, and what is not plainly within its bound."""
-        few = SLOW_ROWS if self._terms is None else max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p)))
-        most = CHECKED_ROWS if deep else min(CHECKED_ROWS, few)
-        if len(rows[0]) > most:
-            some = spread(len(rows[0]), most)
+        fast = SLOW_ROWS if self._terms is None else max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p)))
+        limit = CHECKED_ROWS if deep else min(CHECKED_ROWS, fast)
+        if len(rows[0]) > limit:
+            some = spread(len(rows[0]), limit)
             rows = rows[0][some], rows[1][some], rows[2][some]
         t, q, v = _numbers(rows[0]), _numbers(rows[1]), _numbers(rows[2])
         if self._terms is None:

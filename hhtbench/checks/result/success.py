@@ -24,7 +24,7 @@ from hhtbench.result import Counters, Ends, Solution, Status
 SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
 SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
 ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
-TOLD = 0.9  # of the steps that are counted: so many ends at least
+REPORTED = 0.9  # of the steps that are counted: so many ends at least
 COUNTED = tuple(field.name for field in fields(Counters) if field.name != "provenance")
 EMPTY = np.zeros(0)
 FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
@@ -91,7 +91,7 @@ def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
 def too_few(ends: Ends, counters: Counters) -> bool:
     """Whether they cannot be all ends of the steps that are counted; far from t = 0 times are rounded to one."""
     gap = float(np.abs(np.diff(ends.t)).min(initial=np.inf))
-    return ends.t.size < TOLD * (counters.steps_accepted or 0) and gap > 4 * np.spacing(np.abs(ends.t).max())
+    return ends.t.size < REPORTED * (counters.steps_accepted or 0) and gap > 4 * np.spacing(np.abs(ends.t).max())
 
 
 def _ends(problem: Problem, request: Request, solution: Solution) -> str:
@@ -110,12 +110,12 @@ def _ends(problem: Problem, request: Request, solution: Solution) -> str:
     if not found and (ends.t[-1] - t1) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
         return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the interval ends at t = {t1:.17g}."
     if not found and too_few(ends, solution.counters):
-        return f"ends of steps: {k} are told, and {solution.counters.steps_accepted} steps were accepted."
+        return f"ends of steps: {k} are reported, and {solution.counters.steps_accepted} steps were accepted."
     return found or _start(problem, request, (ends.t, ends.q, ends.v))
 
 
 def impossible_work(counters: Counters, seconds: float) -> str:
-    """Which counter is more than could be done in so many ``seconds`` of wall time, in words."""
+    """Which counter is more than could be done in so many ``seconds`` of wall time; "" if none."""
     for field in fields(Counters):
         value = getattr(counters, field.name)
         if isinstance(value, (int, np.integer)) and value * FASTEST > seconds:
@@ -124,7 +124,7 @@ def impossible_work(counters: Counters, seconds: float) -> str:
 
 
 def ends_elsewhere(problem: Problem, request: Request, first: Solution, again: Solution) -> str:
-    """How far apart two solves end that were asked for the same, in words; "" where that can be believed."""
+    """How far apart two solves end that were asked for the same; "" where that can be believed."""
     if not (first.t.size and again.t.size and first.t[-1] == again.t[-1]):
         return ""
     rtol = 0.0 if request.rtol is None else float(np.max(request.rtol))
@@ -226,7 +226,7 @@ def _event(problem: Problem, request: Request, solution: Solution) -> str:
     room = SAME_TIME * _span(problem)
     beyond = np.inf if request.t_eval is not None else room  # rows at given times end before the event
     at_last = [np.any((ahead * (times - last) >= -room) & (ahead * (times - last) <= beyond)) for times in solution.t_events]
-    return "" if any(at_last) else "end: a terminal event is reported, and none is told at the last row."
+    return "" if any(at_last) else "end: a terminal event is reported, and none is reported at the last row."
 
 
 def _counters(request: Request, solution: Solution) -> str:
@@ -238,8 +238,8 @@ def _counters(request: Request, solution: Solution) -> str:
             return f"counters: {name} is {value!r}; a whole number from 0 on was expected, or None: not reported."
     least, evaluations = max(counters.steps_accepted or 0, 1), counters.residual_evaluations
     if complete and evaluations is not None and evaluations < least:
-        told = f"{evaluations} evaluations of the forces are too few for {least} steps"
-        return f"counters: {told}; None stands for what is not reported."
+        few = f"{evaluations} evaluations of the forces are too few for {least} steps"
+        return f"counters: {few}; None stands for what is not reported."
     steps = counters.steps_accepted or solution.t.size  # 0 where a plugin has left it as it was
     if request.t_eval is None and solution.t.size - 1 - sum(map(len, solution.t_events)) > steps:
         return f"counters: {solution.t.size} rows at the ends of steps are too many for {steps} steps."
