@@ -31,7 +31,7 @@ from hhtbench.lowering import (
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.protocol import Problem
 
-SAMPLES = 1000  # equal parts of the interval that are searched where no times are given
+SAMPLES = 400  # equal parts of the interval that are searched
 SMALLEST_JUMP = 1e-6  # of the largest value of the same row: smaller jumps are not searched for
 SPLIT = 0.381966  # of an interval: at its middle a kink may have the mean of both sides
 MAX_INTERVALS = 100_000  # that one search may split: a function that needs more is no table
@@ -109,15 +109,15 @@ def find_jumps(problem: Problem, times: Any = None) -> Jumps:
     Parameters
     ----------
     times
-        (k,) between which is searched [s]; a motion that jumps and returns between two of them is not seen.  None:
-        ``SAMPLES`` equal parts of the interval.
+        (k,) between which is searched too [s], as well as in equal parts of the interval.  A velocity that jumps and
+        returns between two times is not seen.
     """
     dynamics = derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
     s = dynamics.structure
     if not ((s.m and s.rheonomic) or s.p):
         return NONE
-    times = np.linspace(*problem.t_span, SAMPLES + 1) if times is None else np.asarray(times, dtype=np.float64)
-    times = np.unique(np.concatenate([times[np.isfinite(times)], problem.t_span]))
+    times = np.zeros(0) if times is None else np.asarray(times, dtype=np.float64)
+    times = np.unique(np.concatenate([times[np.isfinite(times)], np.linspace(*problem.t_span, SAMPLES + 1)]))
     times = times[(times >= min(problem.t_span)) & (times <= max(problem.t_span))]
     search = _Search(dynamics, problem)
     try:
@@ -182,7 +182,7 @@ class _Search:
             for kind in ("g_q", "k_v", "k", "g"):
                 if np.any((np.abs(right - left) > self._allowed) & (self._kinds == kind)):
                     return f"{kind} jumps at t = {t:.9g}, and only the impulse of a jump of g_t is known"
-        where = f"the velocities jump at t = {at[0]:.9g}, and "
+        where = f"the velocities jump at t = {at[0]:.{6 if self._by_slope else 9}g}, and "
         if self._by_slope:
             return where + (
                 "differences do not resolve that: declare constraint_time_derivative and constraint_acceleration"

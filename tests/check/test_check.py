@@ -183,14 +183,6 @@ def test_contradictory_accelerations_are_found():
     assert not row(evidence, "start/acceleration").passed
 
 
-def test_the_guess_of_the_multipliers_is_measured_but_not_judged():
-    pendulum = {"force": lambda t, q, v: np.array([0.0, -9.81]), "constraint": lambda t, q: np.array([(q @ q - 1) / 2])}
-    hanging = problem(pendulum, q0=np.array([0.0, -1.0]), v0=np.zeros(2), lam_guess=[7.0], scales=Scales(lam=2.0))
-    found = row(check(hanging), "start/lam_guess")
-    assert found.passed is None
-    assert found.measured == pytest.approx((9.81 - 7.0) / 2)
-
-
 # rank and index
 
 

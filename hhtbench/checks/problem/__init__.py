@@ -13,7 +13,7 @@ from hhtbench.checks.problem.derivatives import DERIVED, Sample, derivative_rows
 from hhtbench.checks.problem.reference import Probe, References
 from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.checks.problem.scales import Sizes, sizes_of
-from hhtbench.checks.problem.start import Start, consistency_rows, examine, guess_rows, mass_rows, regularity_rows
+from hhtbench.checks.problem.start import Start, consistency_rows, examine, mass_rows, regularity_rows
 from hhtbench.checks.problem.survey import Survey, survey
 from hhtbench.evidence import Evidence, Row
 from hhtbench.lowering import Dynamics, Structure, derive
@@ -70,7 +70,6 @@ def _rows_of_dynamics(problem: Problem, shapes: Survey) -> list[Row]:
     rows += mass_rows(trusted, states, start)
     rows += [
         *consistency_rows(start, problem),
-        *guess_rows(start, problem, sizes),
         *regularity_rows(start, "redundant" in problem.tags),
     ]
     rows += conservation_rows(trusted, problem, sizes, states[1:], shapes.faults)

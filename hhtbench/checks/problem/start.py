@@ -188,19 +188,6 @@ def _acceleration_row(start: Start) -> Row:
     return row
 
 
-def guess_rows(start: Start, problem: Problem, sizes: Sizes) -> list[Row]:
-    """The given multipliers beside those of the acceleration level; not judged."""
-    rows = []
-    for name, guess, scale in (("lam", problem.lam_guess, sizes.lam), ("mu", problem.mu_guess, sizes.mu)):
-        computed = None if start.found is None else getattr(start.found, name)
-        if guess is None or computed is None or guess.size != computed.size or computed.size == 0:
-            continue
-        apart = float(np.max(np.abs(guess - computed) / scale))
-        claim = f"distance of {name}_guess from the computed {name}, in typical sizes"
-        rows.append(Row(id=f"start/{name}_guess", claim=claim, measured=apart, bound="not judged", passed=None))
-    return rows
-
-
 def regularity_rows(start: Start, redundant: bool) -> list[Row]:
     """Rank of the constraints, regularity of the KKT matrix, index; ``redundant``: the problem says that rows depend."""
     rows = []

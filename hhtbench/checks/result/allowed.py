@@ -54,10 +54,8 @@ class Missed:
         self._crossed = 0
         self.so_far = FINEST * size  #: (2n,)
         if not self._crosses(t, t + self._half):
-            at_jump = np.abs(
-                flow.at(t + self._half) - flow.at(t) - self._half * flow.rate
-            )  # where the interval begins at one
-            self.so_far = np.maximum(self.so_far, self._longer * at_jump)
+            sudden = np.abs(flow.at(t + self._half) - flow.at(t) - self._half * flow.rate)  # a force that begins at once
+            self.so_far = np.maximum(self.so_far, self._longer * sudden)
         for k in range(1, 2 * STEPS_SEEN):
             self._look(t + k * self._half)
 

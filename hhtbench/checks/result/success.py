@@ -61,9 +61,10 @@ def wrong_columns(problem: Problem, solution: Solution) -> str:
 def _moved_start(problem: Problem, request: Request, solution: Solution) -> str:
     """That a consistent start was moved, which ``calc_initcond`` leaves where it is; "" where it was not."""
     place = problem.t_span[0], problem.q0, problem.v0
-    if not request.calc_initcond or not ConstraintLevels(derive(problem.system, *place)).at(*place).hold(
-        *place[1:], CONSISTENT
-    ):
+    if not request.calc_initcond:
+        return ""
+    levels = ConstraintLevels(derive(problem.system, *place)).at(*place)
+    if not levels.hold(problem.q0, problem.v0, CONSISTENT):
         return ""
     return _start(problem, replace(request, calc_initcond=False), (solution.t, solution.q, solution.v))
 
