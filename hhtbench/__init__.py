@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from hhtbench.advice.trading import Trade, trade
     from hhtbench.api import solve
     from hhtbench.campaign.public import Runs, run
-    from hhtbench.checks import check
+    from hhtbench.checks.drift import Drift, measure_drift
+    from hhtbench.checks.problem import check
     from hhtbench.description import describe
-    from hhtbench.drift import Drift, measure_drift
     from hhtbench.equations import Equations
     from hhtbench.errors import NotFoundError, ProblemError, Stop
     from hhtbench.lagrange import from_sympy
@@ -77,9 +77,9 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "advice.trading": ("Trade", "trade"),
     "api": ("solve",),
     "campaign.public": ("Runs", "run"),
-    "checks": ("check",),
+    "checks.drift": ("Drift", "measure_drift"),
+    "checks.problem": ("check",),
     "description": ("describe",),
-    "drift": ("Drift", "measure_drift"),
     "equations": ("Equations",),
     "errors": ("NotFoundError", "ProblemError", "Stop"),
     "lagrange": ("from_sympy",),

@@ -5,10 +5,10 @@ problem.  Two runs whose settings differ by a fixed factor differ by the error o
 contracts.  Only where it does is anything said.  `hhtbench verify accuracy` checks the estimate.
 
 Runs that step over the same place agree too.  So where they agree far better than was asked, in few steps, the equations of
-motion are looked at between the rows (:mod:`hhtbench.trust.stepped_over`).  What they say against the runs is either shown
-by runs of shorter steps, of a solver that takes ``max_step``, or leaves the error unshown.  A push shorter than a
-two-hundredth of the interval may lie between the places that are looked at, and one during a motion that needs more steps
-than that is not looked for.
+motion are checked between the rows (:mod:`hhtbench.checks.result.between`).  What they say against the runs is either
+shown by runs of shorter steps, of a solver that takes ``max_step``, or leaves the error unshown.  A push shorter than a
+two-hundredth of the interval may lie between the places that are checked, and one during a motion that needs more steps than
+that is not searched for.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from dataclasses import fields, replace
 import numpy as np
 
 from hhtbench.arguments import real_number
+from hhtbench.checks.result.between import PLACES, SteppedOver, stepped_over
 from hhtbench.errors import ProblemError
 from hhtbench.finer_runs import FinerRuns, Run
 from hhtbench.protocol import NumpySystem, Problem, Solver
 from hhtbench.request import Request
 from hhtbench.result import Counters, Solution, Status
-from hhtbench.trust.stepped_over import PLACES, Look, stepped_over
 
 Once = Callable[[Request], Solution]
 
@@ -114,7 +114,9 @@ class _Search:
         self.spent: list[Counters] = []
         self.looks = 0  #: evaluations between rows
         self.shorter = list(SHORTER)  #: longest steps that are left to be tried
-        self.missed: tuple[Solution, Look] | None = None  #: a solution that stepped over something, and what was seen there
+        self.missed: tuple[Solution, SteppedOver] | None = (
+            None  #: a solution that stepped over something, and what was seen there
+        )
         self.first = COARSEST[kind] if kind == "steps" else min(COARSEST[kind], max(accuracy, FIRST))
         self.ends = math.inf if request.max_seconds is None else time.perf_counter() + request.max_seconds
 

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 
 from hhtbench.accuracy import solve_to
+from hhtbench.checks.drift import measure_drift
+from hhtbench.checks.result.judge import judge
+from hhtbench.checks.result.success import check_success
 from hhtbench.counting import Clock, handed_over
-from hhtbench.drift import measure_drift
 from hhtbench.errors import BudgetSpent
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.request import Request, check_output_times, make_request, with_tolerance
 from hhtbench.result import Counters, Solution, Status
-from hhtbench.trust import check_success
-from hhtbench.trust.judge import judge
 
 
 def solve(

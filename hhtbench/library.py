@@ -7,7 +7,7 @@ from collections.abc import Callable
 from concurrent.futures import as_completed
 from dataclasses import replace
 
-from hhtbench.checks import check
+from hhtbench.checks.problem import check
 from hhtbench.evidence import Evidence, Row
 from hhtbench.processes import worker_processes
 from hhtbench.registry import list_problems, load_problem

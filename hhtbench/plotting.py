@@ -46,7 +46,7 @@ def _columns(solution: Solution, name: str) -> Lines:
 
 
 def _drifts(drift: Any) -> Lines:
-    """Curves of a :class:`hhtbench.drift.Drift`, those that there are."""
+    """Curves of a :class:`hhtbench.checks.drift.Drift`, those that there are."""
     curves = {"position": drift.position, "velocity": drift.velocity, "energy": drift.energy, **drift.invariants}
     return {name: (drift.t, values) for name, values in curves.items() if values is not None}
 

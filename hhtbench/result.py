@@ -228,7 +228,7 @@ class Solution(Filled):
         return self.projection(t, found)
 
     def drift(self) -> Any:
-        """How far the solution leaves constraints, energy and invariants: a :class:`hhtbench.drift.Drift`.
+        """How far the solution leaves constraints, energy and invariants: a :class:`hhtbench.checks.drift.Drift`.
 
         Over the internal steps where they are known, else over the rows; None without rows.
         """
@@ -250,7 +250,7 @@ class Solution(Filled):
         return self.diagnosis_of()
 
     def verify(self, *, draw: int = 0) -> Any:
-        """Hold everything against the solution that campaigns do: a :class:`hhtbench.trust.judge.Judgement`.
+        """Hold everything against the solution that campaigns do: a :class:`hhtbench.checks.result.judge.Judgement`.
 
         Short windows are integrated again by a method of the bench's own, which shares no code with any solver; it takes
         milliseconds to seconds.  ``doubt`` of what is returned says what speaks against the solution, or is empty; ``draw``
@@ -261,7 +261,7 @@ class Solution(Filled):
         if self.judge_of is None:
             raise ValueError(
                 "this solution came without its problem and request, as from a file or a pickle; give them: "
-                "from hhtbench.trust.judge import judge; judge(problem, hhtbench.Request(rtol=...), solution)."
+                "from hhtbench.checks.result.judge import judge; judge(problem, hhtbench.Request(rtol=...), solution)."
             )
         return self.judge_of(self, draw=draw)
 

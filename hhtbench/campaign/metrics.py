@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench.arguments import Vector
 from hhtbench.campaign.accuracy import Comparison, compare, compare_multipliers
-from hhtbench.drift import Drift, measure_drift, own_at_rows, own_at_steps
+from hhtbench.checks.drift import Drift, measure_drift, own_at_rows, own_at_steps
 from hhtbench.evidence import plain
 from hhtbench.protocol import Problem
 from hhtbench.result import Counters, Solution

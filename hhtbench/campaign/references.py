@@ -14,9 +14,12 @@ from hhtbench.reference.auto import SECONDS, file_of
 from hhtbench.specs import canonical, parse_spec
 
 RESTS_ON = ("collocation", "projected")  #: solvers of certificates; with a problem's files they make a certificate's name
-JUDGE = ("judge", "suspects", "reactions", "motion", "flow", "allowed")  # of a campaign's runs, not of solves
+JUDGE = ("judge", "between", "reactions", "motion", "flow", "allowed")  # of a campaign's runs, not of solves
 #: what measures a run does not change the truth
-NOT_THESE = ("hhtbench.campaign.", "hhtbench.analysis.", "hhtbench.drift", *(f"hhtbench.trust.{name}" for name in JUDGE))
+NOT_THESE = (
+    *("hhtbench.campaign.", "hhtbench.analysis.", "hhtbench.checks.drift"),
+    *(f"hhtbench.checks.result.{name}" for name in JUDGE),
+)
 
 
 def auto_references(

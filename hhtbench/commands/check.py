@@ -24,7 +24,7 @@ def check_command(problem: str | None, every: bool, jobs: int | None, json_file:
     """
     with ends_at_once():
         from hhtbench.campaign.machine import usable_cores
-        from hhtbench.checks import check
+        from hhtbench.checks.problem import check
         from hhtbench.library import check_all
         from hhtbench.registry import load_problem
 

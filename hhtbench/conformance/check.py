@@ -11,7 +11,8 @@ from unittest import SkipTest
 import numpy as np
 
 from hhtbench.api import solve
-from hhtbench.checks import Row, check
+from hhtbench.checks.problem import check
+from hhtbench.evidence import Row
 from hhtbench.conformance.entry import Entry, Finding, Kind, Outcome, as_known, outcome_of
 from hhtbench.conformance.pairwise import FACTOR, assert_solvers_agree
 from hhtbench.conformance.registry import CLAIMS, FAMILIES, checks_of

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 import hhtbench as hb
-from hhtbench.checks import check
+from hhtbench.checks.problem import check
 from hhtbench.commands.solve import solve_command
 from hhtbench.errors import ProblemError
 from hhtbench.output import FAILED

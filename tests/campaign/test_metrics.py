@@ -13,7 +13,7 @@ import pytest
 from hhtbench import Motion, NumpySystem, Problem, Request, Scales, Solution, Status, System, load_solver
 from hhtbench.campaign import accuracy
 from hhtbench.campaign.metrics import MOST_POINTS, measure, spans
-from hhtbench.drift import measure as drift
+from hhtbench.checks.drift import measure as drift
 from hhtbench.evidence import plain
 from hhtbench.result import DenseOutput, Ends
 from tests.adapters import scenes
@@ -219,7 +219,7 @@ def test_the_acceleration_level_is_judged_at_every_step():
 
 
 def test_the_acceleration_level_of_many_steps_is_judged_at_some_from_the_first_to_the_last(monkeypatch):
-    monkeypatch.setattr(drift, "MOST_OWN", 10)
+    monkeypatch.setattr(drift, "MAX_OWN", 10)
     found = measure(circle(), replace(solution(carried=0.5), ends=ends(carried=0.75)))
     assert found.metrics["drift"]["acceleration"] == pytest.approx(0.2)
     times = found.series["acceleration"]["t"]

@@ -119,4 +119,6 @@ def test_a_certificate_does_not_rest_on_what_measures_runs():
         behind = reader.behind(parse_spec("knife_edge"), parse_spec(solver))
         seen += [name for name in behind if not name.startswith(references.NOT_THESE)]
     assert "hhtbench.lowering.dynamics.kkt" in seen
-    assert not [name for name in seen if "drift" in name or name in ("hhtbench.trust.judge", "hhtbench.trust.motion")]
+    assert not [
+        name for name in seen if "drift" in name or name in ("hhtbench.checks.result.judge", "hhtbench.checks.result.motion")
+    ]

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.checks import check
+from hhtbench.checks.problem import check
 from hhtbench.protocol import NumpySystem, Problem, System, parameter
 from tests.check.test_check import failed, row
 

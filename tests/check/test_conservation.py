@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.checks import check
+from hhtbench.checks.problem import check
 from hhtbench.protocol import Motion, NumpySystem, Problem, System, parameter
 
 

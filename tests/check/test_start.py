@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.checks import check
+from hhtbench.checks.problem import check
 from hhtbench.protocol import NumpySystem, Problem, Scales, System, parameter
 from hhtbench.request import Request
 from hhtbench.result import Status

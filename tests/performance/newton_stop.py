@@ -18,7 +18,7 @@ import numpy as np
 from tabulate import tabulate
 
 from hhtbench import list_problems, load_problem
-from hhtbench.drift import measure_drift
+from hhtbench.checks.drift import measure_drift
 from hhtbench.lowering.caching import Cache
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.request import Request

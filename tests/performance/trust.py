@@ -19,10 +19,10 @@ import numpy as np
 
 from hhtbench import Problem, Request, Solution, Status
 from hhtbench.campaign.accuracy import compare
+from hhtbench.checks.result.judge import Judgement, judge
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems, load_problem, load_solver
 from hhtbench.result import Ends, ends_of
-from hhtbench.trust.judge import Judgement, judge
 from tests.trust.liars import MOTIONS, Liar
 
 CONTROLLED = (

@@ -162,7 +162,7 @@ def test_warning_is_one_line_on_stderr(acme, run):
 
 @pytest.mark.parametrize(("passed", "code"), [(True, 0), (False, 1)])
 def test_check_prints_the_rows_writes_them_and_fails_when_one_fails(passed, code, acme, run, tmp_path, monkeypatch):
-    monkeypatch.setattr("hhtbench.checks.check", lambda problem: _evidence(passed))
+    monkeypatch.setattr("hhtbench.checks.problem.check", lambda problem: _evidence(passed))
     file = tmp_path / "check.json"
     result = run("check", "acme_fall", "--json", str(file))
     assert result.exit_code == code

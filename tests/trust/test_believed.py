@@ -41,7 +41,11 @@ def one_ulp_short(x):
     return replace(x, t=np.append(x.t[:-1], np.nextafter(x.t[-1], x.t[0])))
 
 
-LIES = {off_the_tangent: "constraints", frozen: "motion", one_ulp_short: "end"}
+def without_multipliers(x):
+    return replace(x, lam=x.lam[:, :0])
+
+
+LIES = {off_the_tangent: "constraints", frozen: "motion", one_ulp_short: "end", without_multipliers: "shapes: lam has 0"}
 
 
 @pytest.mark.parametrize("times", [TIMES, None], ids=["rows", "steps"])
@@ -50,6 +54,16 @@ def test_it_is_not_believed(lie, times):
     found = believed(lie, t_eval=times)
     assert found.status is hb.Status.unreliable
     assert found.message.startswith(LIES[lie])
+
+
+def test_a_consistent_start_is_not_moved_by_calc_initcond():
+    """Rows of the swing from another place on the circle; an inconsistent start may be moved."""
+    other = pendulum().problem.starting(q0=-PROBLEM.q0, v0=-PROBLEM.v0)
+    moved = lambda x: hb.load_solver("hht").solve(other, hb.Request(rtol=1e-6, t_eval=TIMES))  # noqa: E731
+    found = believed(moved, t_eval=TIMES, calc_initcond=True)
+    assert found.message.startswith("start: ")
+    inconsistent = PROBLEM.starting(q0=1.001 * PROBLEM.q0)
+    assert hb.solve(inconsistent, "hht", rtol=1e-6, calc_initcond=True).success
 
 
 def test_a_system_at_rest_may_stay_there():

@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hhtbench import NumpySystem, Problem, Request, Solution, Status
-from hhtbench.trust.judge import judge
+from hhtbench.checks.result.judge import judge
 
 T = np.linspace(0.0, 10.0, 51)
 PUSHED, WIDTH = 6.317, 0.02  # between the rows at 6.2 and 6.4: e^-27 of the push is left there

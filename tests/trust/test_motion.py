@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hhtbench import Counters, Ends, NumpySystem, Problem, Request, Solution, Status, load_problem, load_solver
-from hhtbench.trust.judge import Judgement, judge
-from hhtbench.trust.rows import too_few
-from hhtbench.trust.suspects import stand_out
+from hhtbench.checks.result.between import stand_out
+from hhtbench.checks.result.judge import Judgement, judge
+from hhtbench.checks.result.success import too_few
 from tests.trust.liars import MOTIONS, Liar
 
 PROBLEMS = ("simple_pendulum", "knife_edge", "jay_negrut_test1")
@@ -265,7 +265,7 @@ def test_ends_of_steps_must_fit_the_rows():
     cut = {name: value[:20] for name, value in told.items()}
     many = Counters(steps_accepted=100, residual_evaluations=None)
     assert judge(FALL, request, fall(t, ends=(1, 2, 3))).doubt == "type: ends must be an Ends; it is tuple."
-    assert judge(FALL, request, fall(t, ends=Ends(**told), counters=many)).doubt.startswith("ends of steps: 41 are told")
+    assert judge(FALL, request, fall(t, ends=Ends(**told), counters=many)).doubt.startswith("ends of steps: 41 are reported")
     past = {name: np.concatenate([value, value[-1:]]) for name, value in told.items()}
     past["t"][-1] = 1.1
     far = {**told, "t": 1e17 + 0 * ends.t}  # rounded to one

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.checks.result.judge import judge
 from hhtbench.lowering import ConstraintLevels, at_rows, derive, native
 from hhtbench.lowering.dynamics.levels import level_terms
-from hhtbench.trust.judge import judge
 from solvers.hht.adapter import HHTSolver
 from tests.trust.liars import Liar
 

@@ -10,7 +10,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench import Counters, NumpySystem, Problem, Request, Solution, Status
-from hhtbench.trust.rows import doubt_about, ends_elsewhere, impossible_work
+from hhtbench.checks.result.success import doubt_about, ends_elsewhere, impossible_work
 
 FALL = Problem(name="fall", system=NumpySystem(force=lambda t, q, v: 0 * q - 9.81), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
 ASKED = Request(rtol=1e-4, t_eval=np.linspace(0.0, 1.0, 5))

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 import hhtbench as hb
 from hhtbench import Request, Solution
 from hhtbench.campaign.metrics import measure
-from hhtbench.trust.judge import judge
+from hhtbench.checks.result.judge import judge
 from tests.trust.test_rows import Plugin
 
 BARS = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")

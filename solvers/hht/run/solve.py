@@ -11,12 +11,12 @@ import jax
 import numpy as np
 
 from hhtbench.arguments import check_interval, real_number, real_vector
+from hhtbench.checks.times import unresolved
 from hhtbench.counting import Clock, Work
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import padded
 from hhtbench.request import ADDS_UP, Request, StepPlan, check_output_times, has_zero, plan_steps
 from hhtbench.result import Solution, Status
-from hhtbench.trust import unresolved
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed

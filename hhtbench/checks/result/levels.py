@@ -1,9 +1,11 @@
-"""Are the rows on the constraints?  How far they are off is measured by the bench; here only whether it can be believed."""
+"""Are the rows on the constraints, and do these lose rank where multipliers are nan?
+
+How far rows are off is measured by the bench; here only whether it can be believed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -13,18 +15,22 @@ from numpy.typing import NDArray
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, Dynamics, NotNative, at_rows, derive, native, route_of, too_large
+from hhtbench.jumps import levels_at_rows
+from hhtbench.lowering import ConstraintLevels, Dynamics, derive
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
-from hhtbench.trust.sizes import BESIDE
+from hhtbench.result import Solution
 
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
 DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval
 CHECKED_ROWS = 200  # the last one included: more would cost more than the steps
 SLOW_ROWS = 3  # of systems without machine code, where a row costs as much as a residual
 NUMBERS = 40_000  # of the constraint levels of all rows that are checked by machine code: a fraction of a millisecond
+LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known
+ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints are always below
+ELSEWHERE = 20  # rows that show what singular values are elsewhere
+BESIDE = 1e-3  # of the largest component: solvers measure the errors of small ones by what is beside them
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 _known = Cache(16)
@@ -47,10 +53,10 @@ def believable(request: Request) -> float:
     return min(BELIEVABLE, DRIFT * rtol) if rtol > 0.0 else BELIEVABLE
 
 
-def spread(count: int, most: int = CHECKED_ROWS) -> NDArray[np.intp]:
-    """Up to ``most`` of ``count`` rows, evenly spread, the first and the last among them."""
-    few = min(count, most)
-    return np.arange(few) * (count - 1) // max(few - 1, 1)
+def spread(count: int, limit: int = CHECKED_ROWS) -> NDArray[np.intp]:
+    """Up to ``limit`` of ``count`` rows, evenly spread, the first and the last among them."""
+    size = min(count, limit)
+    return np.arange(size) * (count - 1) // max(size - 1, 1)
 
 
 def violated(
@@ -103,22 +109,19 @@ class AtRows:
         s = dynamics.structure
         self.n, self.m, self.p = n, m, p = s.n, s.m, s.p
         self._at = ConstraintLevels(dynamics)
-        self._terms: Callable[[Any, Any, Any], Matrix] | None = None
+        self._terms = levels_at_rows(dynamics)
         ends = list(accumulate((m, m, m * n, p, p * n, m)))
         #: where machine code puts g, g_t, g_q, k, k_v and g_t + g_q v
         self._g, self._g_t, self._g_q, self._k, self._k_v, self._drift = map(slice, [0, *ends], ends)
-        if route_of(dynamics) != "numpy" and too_large(dynamics) is None:
-            with suppress(NotNative):
-                self._terms = at_rows(native(level_terms, dynamics, shapes=((), (n,), (n,))))
 
     def levels(
         self, problem: Problem, bound: float, rows: Rows, deep: bool, clock: Clock | None
     ) -> tuple[Vector, list[Levels]]:
         """The times of the rows that are checked, of many more if ``deep``, and what is not plainly within its bound."""
-        few = SLOW_ROWS if self._terms is None else max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p)))
-        most = CHECKED_ROWS if deep else min(CHECKED_ROWS, few)
-        if len(rows[0]) > most:
-            some = spread(len(rows[0]), most)
+        fast = SLOW_ROWS if self._terms is None else max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p)))
+        limit = CHECKED_ROWS if deep else min(CHECKED_ROWS, fast)
+        if len(rows[0]) > limit:
+            some = spread(len(rows[0]), limit)
             rows = rows[0][some], rows[1][some], rows[2][some]
         t, q, v = _numbers(rows[0]), _numbers(rows[1]), _numbers(rows[2])
         if self._terms is None:
@@ -189,3 +192,58 @@ def _sizes(problem: Problem, v: Matrix) -> tuple[Vector, Vector, Vector]:
     s_v += problem.scales.v
     fastest = np.maximum(np.maximum.reduce(np.abs(v), axis=0), s_v)
     return s_q, s_v, np.maximum(fastest, BESIDE * np.maximum.reduce(fastest))
+
+
+def sizes_of(problem: Problem, q: Matrix, v: Matrix) -> Vector:
+    """Typical sizes of y = [q, v] (2n,): the largest of the rows ``q`` and ``v`` (k, n), or the declared scales."""
+    n, parts = problem.q0.size, []
+    for rows, scale in ((q, problem.scales.q), (v, problem.scales.v)):
+        size = np.maximum(np.max(np.abs(rows), axis=0), np.broadcast_to(np.asarray(scale, dtype=np.float64), (n,)))
+        parts.append(np.maximum(size, BESIDE * np.max(size)))
+    return np.concatenate(parts)
+
+
+def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | None = None) -> str:
+    """Which row has nan for a multiplier although no constraint there depends on others; "" where none has.
+
+    Compared are singular values of [g_q; k_v], with columns of typical velocities and rows over their largest size in the
+    run, with the largest of the same order at a few rows and at the start, until the time of ``clock`` is over.
+    """
+    unknown = np.flatnonzero(solution.unknown)
+    if not unknown.size:
+        return ""
+    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
+    size = sizes_of(problem, solution.q, solution.v)[levels.structure.n :]
+
+    def rows_at(i: int) -> Matrix:
+        rows = levels.at(float(solution.t[i]), solution.q[i], solution.v[i]).rows
+        return _full(rows) * size
+
+    try:
+        start = _full(levels.at(problem.t_span[0], problem.q0, problem.v0).rows) * size
+        places = [start, *map(rows_at, np.linspace(0, solution.t.size - 1, ELSEWHERE).round().astype(int).tolist())]
+        largest = np.max([np.max(np.abs(rows), axis=1) for rows in places], axis=0)[:, None]
+        over = np.where(largest > 0.0, largest, 1.0)
+        elsewhere = np.max([_singular_values(rows / over) for rows in places], axis=0)
+        some = elsewhere > ALWAYS * elsewhere[0]
+        for i in unknown[spread(unknown.size)].tolist():
+            if clock is not None and clock.left() < 0.0:
+                return ""
+            least = float(np.min(_singular_values(rows_at(i) / over)[some] / elsewhere[some]))
+            if least > LOST:
+                return (
+                    f"finiteness: multipliers are nan in row {i} of {solution.t.size}, where constraints keep their rank: "
+                    f"every singular value is at least {least:.2g} of what it is elsewhere; below {LOST:g} is believed."
+                )
+    except NonFiniteValue as error:
+        return f"constraints: {error}."
+    return ""
+
+
+def _full(rows: Matrix) -> Matrix:
+    return np.asarray(rows.toarray() if hasattr(rows, "toarray") else rows)
+
+
+def _singular_values(rows: Matrix) -> Vector:
+    """In falling order."""
+    return np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=np.float64)

@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.checks.result.flow import NotJudged
+from hhtbench.checks.result.motion import BOUND, MAX_EVALUATIONS, Follower, Multipliers, signs
 from hhtbench.result import Solution
-from hhtbench.trust.flow import NotJudged
-from hhtbench.trust.motion import BOUND, MOST_EVALUATIONS, Follower, Multipliers, signs
 
 ROUNDOFF = 1e-8  # of the largest force
 LAG = 7.0  # times the square root of the error allowed of a step, in typical sizes: HHT's stages lag by up to 5.4
-MOST = 0.5  # of the reaction: what is further off has no digit
+MAX_SHARE = 0.5  # of the reaction: what is further off has no digit
 BESIDE = 1e-3  # of the largest component: errors of small ones are measured by what is beside them
-DISTURBED = 2  # states beside that of the row
+STATES_BESIDE = 2  # states beside that of the row
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ def rows_of(follower: Follower, solution: Solution, some: list[int]) -> list[Row
     for i in (i for i in some if not unknown[i]):
         t, y = float(solution.t[i]), np.concatenate([solution.q[i], solution.v[i]])
         multipliers = Multipliers(solution.lam[i], solution.mu[i])
-        follower.equations.begin(MOST_EVALUATIONS, multipliers)
+        follower.equations.begin(MAX_EVALUATIONS, multipliers)
         found = follower.equations.needed(t, y)
         if found is not None:
             rows.append(Row(i, t, y, multipliers, *found))
@@ -52,7 +52,7 @@ def rows_of(follower: Follower, solution: Solution, some: list[int]) -> list[Row
 
 
 def wrong_reactions(follower: Follower, rows: list[Row]) -> str:
-    """How far the reaction of the multipliers of one of ``rows`` is off what is needed, in words; "" where all can be."""
+    """At which of ``rows`` the multipliers make another reaction than is needed, as a sentence; "" where at none."""
     if not rows:
         return ""
     typical = np.median([np.abs(row.reaction) for row in rows], axis=0)
@@ -67,7 +67,7 @@ def _wrong_reaction(follower: Follower, row: Row, typical: Vector) -> str:
     roundoff = ROUNDOFF * max(float(np.max(size)), float(np.max(np.abs(equations.force(t, y)))))
 
     def lagging(allowed: Vector) -> Vector:
-        return roundoff + size * min(MOST, LAG * float(np.sqrt(np.max(allowed / follower.size))))
+        return roundoff + size * min(MAX_SHARE, LAG * float(np.sqrt(np.max(allowed / follower.size))))
 
     if np.all(off <= lagging(follower.allowed)):
         return ""
@@ -76,8 +76,8 @@ def _wrong_reaction(follower: Follower, row: Row, typical: Vector) -> str:
     except NotJudged:
         return ""
     bound = lagging(allowed)
-    equations.begin(MOST_EVALUATIONS, row.multipliers)
-    for _, sign in zip(range(DISTURBED), signs(y.size), strict=False):
+    equations.begin(MAX_EVALUATIONS, row.multipliers)
+    for _, sign in zip(range(STATES_BESIDE), signs(y.size), strict=False):
         beside = equations.needed(t, y + sign * allowed)
         if beside is None:
             return ""

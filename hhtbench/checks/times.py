@@ -1,4 +1,4 @@
-"""What speaks against the success that a solver reports, whoever wrote it: so far, times that do not resolve its steps.
+"""Do floating-point times resolve the steps of a solver?
 
 A solver makes a step of h and moves its time to t + h, rounded.  Far from t = 0 the two differ by up to half the spacing of
 floating-point times in every step, mostly in the same direction, and the end of the motion is that of another interval.
@@ -16,7 +16,7 @@ END_SPACINGS = 100.0  # before the end of the interval SUNDIALS, and others, tak
 
 
 def unresolved(t_span: tuple[float, float], steps: int, rtol: float, elapsed: float | None = None) -> str:
-    """Why floating-point times do not resolve ``steps`` steps over ``t_span`` [s], in words; empty where they do.
+    """Why floating-point times do not resolve ``steps`` steps over ``t_span`` [s]; empty where they do.
 
     ``elapsed`` is the sum of the signed lengths that the solver has used [s].  Where it is not known, every step may be
     off by half a spacing.
@@ -31,8 +31,8 @@ def unresolved(t_span: tuple[float, float], steps: int, rtol: float, elapsed: fl
     off = (steps / 2 + END_SPACINGS) * spacing if elapsed is None else abs(elapsed - span)
     if off <= max(max(rtol, FINEST) * abs(span), SPACINGS * spacing):
         return ""
-    told = "may be" if elapsed is None else "are"
+    verb = "may be" if elapsed is None else "are"
     return (
-        f"The lengths of the {steps} steps {told} {off:.2g} s off the {abs(span):.17g} s from t = {t0:.17g} to {t1:.17g}, "
+        f"The lengths of the {steps} steps {verb} {off:.2g} s off the {abs(span):.17g} s from t = {t0:.17g} to {t1:.17g}, "
         f"where times are {spacing:.2g} s apart. {text}"
     )

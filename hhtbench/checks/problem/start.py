@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.reference import Probe, split
-from hhtbench.checks.rows import attempt, not_measured
-from hhtbench.checks.scales import Sizes
+from hhtbench.checks.problem.reference import Probe, split
+from hhtbench.checks.problem.rows import attempt, not_measured
+from hhtbench.checks.problem.scales import Sizes
 from hhtbench.evidence import Row
 from hhtbench.lowering import (
     CONSISTENT,
@@ -29,7 +29,7 @@ from hhtbench.protocol import Problem
 
 SEMIDEFINITE = 1e-12
 DEPENDENT = 1e-10  # singular values below this of the scaled matrix are roundoff of dependent rows
-MOST_NAMED = 6  # offending rows in one text
+MAX_NAMED = 6  # offending rows in one text
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def _level_row(row_id: str, claim: str, bound: str, misfits: list[Misfit]) -> Ro
     wrong = [f"{row.name} = {row.value:.3g}" for row in largest if not row.relative <= CONSISTENT]
     measured: str | float = float(largest[0].relative)
     if wrong:
-        measured = f"{measured:.2g}: {', '.join(wrong[:MOST_NAMED])}{', ...' if len(wrong) > MOST_NAMED else ''}"
+        measured = f"{measured:.2g}: {', '.join(wrong[:MAX_NAMED])}{', ...' if len(wrong) > MAX_NAMED else ''}"
     return Row(id=row_id, claim=claim, measured=measured, bound=bound, passed=not wrong)
 
 
@@ -186,19 +186,6 @@ def _acceleration_row(start: Start) -> Row:
     if row.passed and start.found.singular:
         return Row(id=row.id, claim=claim, measured=f"{row.measured:.2g}, but not unique", bound=bound, passed=True)
     return row
-
-
-def guess_rows(start: Start, problem: Problem, sizes: Sizes) -> list[Row]:
-    """The given multipliers beside those of the acceleration level; not judged."""
-    rows = []
-    for name, guess, scale in (("lam", problem.lam_guess, sizes.lam), ("mu", problem.mu_guess, sizes.mu)):
-        computed = None if start.found is None else getattr(start.found, name)
-        if guess is None or computed is None or guess.size != computed.size or computed.size == 0:
-            continue
-        apart = float(np.max(np.abs(guess - computed) / scale))
-        claim = f"distance of {name}_guess from the computed {name}, in typical sizes"
-        rows.append(Row(id=f"start/{name}_guess", claim=claim, measured=apart, bound="not judged", passed=None))
-    return rows
 
 
 def regularity_rows(start: Start, redundant: bool) -> list[Row]:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.reference import Probe, Reference, References, blocks
+from hhtbench.checks.problem.reference import Probe, Reference, References, blocks
 
 if TYPE_CHECKING:
-    from hhtbench.checks.derivatives import Derivative
+    from hhtbench.checks.problem.derivatives import Derivative
 
 OWN_ERROR = 2.0  # times the error that differences show themselves is no deviation
 USABLE = 1e-2  # of a row, of which a hundredth of its terms counts: differences with a larger error judge nothing
@@ -45,37 +45,19 @@ class Expected:
 
 def by_differences(derivative: Derivative, references: References, reference: Reference, state: Probe) -> Expected:
     """By differences, with the error that they show themselves."""
-    where = blocks(references.structure)
-    errors = reference.errors[derivative.part]
-    if derivative.by == "motion":
-        moved = errors[:, where["q"]] @ np.abs(state.z[where["v"]])
-        error = errors[:, where["t"]] + moved[:, None]
-    else:
-        error = errors[:, where[derivative.by]]
-    return replace(_expected(derivative, references, reference, state, reference.differences), error=error)
-
-
-def by_complex_step(
-    derivative: Derivative, references: References, reference: Reference, state: Probe, row_size: Matrix
-) -> Expected:
-    """By the complex step, its rows measured by ``row_size``."""
-    return replace(_expected(derivative, references, reference, state, reference.complex_step), row_size=row_size)
-
-
-def _expected(
-    derivative: Derivative, references: References, reference: Reference, state: Probe, jacobians: dict[str, Matrix]
-) -> Expected:
     where, part = blocks(references.structure), derivative.part
-    jacobian = jacobians[part]
+    jacobian, errors = reference.differences[part], reference.errors[part]
     terms = _largest(jacobian * references.scales) + np.abs(reference.value[part])[:, None]
     if part == "constraint_velocity":  # it is a derivative of g itself
         terms = terms + _largest(reference.differences["constraint"] * references.scales)
     if derivative.by != "motion":
-        scale = references.scales[where[derivative.by]]
-        columns = jacobian[:, where[derivative.by]]
-        return Expected(columns, _largest(columns * scale), terms, scale)
-    parts = np.concatenate([jacobian[:, where["t"]], jacobian[:, where["q"]] * state.z[where["v"]]], axis=1)
-    return Expected(parts.sum(axis=1, keepdims=True), np.abs(parts).sum(axis=1, keepdims=True), terms, np.ones(1))
+        own = where[derivative.by]
+        scale = references.scales[own]
+        return Expected(jacobian[:, own], _largest(jacobian[:, own] * scale), terms, scale, errors[:, own])
+    v = state.z[where["v"]]
+    parts = np.concatenate([jacobian[:, where["t"]], jacobian[:, where["q"]] * v], axis=1)
+    error = errors[:, where["t"]] + (errors[:, where["q"]] @ np.abs(v))[:, None]
+    return Expected(parts.sum(axis=1, keepdims=True), np.abs(parts).sum(axis=1, keepdims=True), terms, np.ones(1), error)
 
 
 def of_one_size(expected: list[Expected]) -> list[Expected]:

@@ -1,4 +1,4 @@
-"""The functions that a system declares and their Jacobian, from differences and from the complex step.
+"""The functions that a system declares and their Jacobian, by differences.
 
 All arguments travel in one vector ``z = [t, q, v, lam, mu]``, so one Jacobian holds every derivative as a block.
 Nothing here uses a declared derivative: what is judged and what it is judged by stay apart.
@@ -6,10 +6,8 @@ Nothing here uses a declared derivative: what is judged and what it is judged by
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -18,7 +16,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.rows import attempt
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.dynamics.differences import EPS, derivative_along
 from hhtbench.lowering.dynamics.dynamics import evaluate
@@ -27,7 +24,6 @@ from hhtbench.protocol import declared
 DIFFERENCE_STEP = 2.0**-10  # of the typical size: about eps**(1/5), best for fourth order; the first that is tried
 HALVINGS = 20  # of that step at most: features down to a millionth of the typical size are seen
 AGREE = 1e-7, 1e-10  # of the row's largest derivative, of all its terms: differences this close need no smaller step
-COMPLEX_STEP = 1e-20  # of the typical size: there is no cancellation to fear
 
 
 @dataclass(frozen=True)
@@ -45,7 +41,6 @@ class Reference:
     value: dict[str, Vector]  #: part -> (rows,)
     differences: dict[str, Matrix]  #: part -> (rows, size of z)
     errors: dict[str, Matrix]  #: of the differences: how far those of half and of twice the step are from them
-    complex_step: dict[str, Matrix]  #: the same, for the parts that accept complex numbers
 
 
 def blocks(s: Structure) -> dict[str, slice]:
@@ -66,27 +61,10 @@ def _constraint_velocity(d: Dynamics, a: Any) -> Any:
     return derivative_along(lambda e: d.constraint(a["t"] + e, a["q"] + e * a["v"]), a["t"], a["q"], a["v"])
 
 
-def _reaction(d: Dynamics, a: Any) -> Any:
-    if d.xp is not jnp or declared(d.system, "reaction") is not None:
-        return d.reaction(a["t"], a["q"], a["v"], a["lam"])
-    return -_transposed_product(lambda q: d.constraint(a["t"], q), a["q"], a["lam"])
-
-
-def _velocity_reaction(d: Dynamics, a: Any) -> Any:
-    if d.xp is not jnp or declared(d.system, "velocity_reaction") is not None:
-        return d.velocity_reaction(a["t"], a["q"], a["v"], a["mu"])
-    return -_transposed_product(lambda v: d.velocity_constraint(a["t"], a["q"], v), a["v"], a["mu"])
-
-
-def _transposed_product(function: Callable[[Any], Any], x: Any, weights: Any) -> Any:
-    """J^T weights for J = d function/dx; holds for complex numbers too, where jax.jacfwd refuses."""
-    return jax.vjp(lambda y: function(y).astype(x.dtype), x)[1](weights)[0]
-
-
 PARTS: dict[str, Callable[[Dynamics, Any], Any]] = {
     name: lambda d, at, name=name: evaluate(d, name, at)
-    for name in ("force", "mass_product", "constraint", "velocity_constraint")
-} | {"constraint_velocity": _constraint_velocity, "reaction": _reaction, "velocity_reaction": _velocity_reaction}
+    for name in ("force", "mass_product", "constraint", "velocity_constraint", "reaction", "velocity_reaction")
+} | {"constraint_velocity": _constraint_velocity}
 
 
 def parts_of(s: Structure) -> tuple[str, ...]:
@@ -115,22 +93,18 @@ class References:
         self.names = parts_of(self.structure)
         self.scales = scales  #: (size of z,) typical size of each argument
         self.from_differences = route_of(plain) == "numpy"
-        self._plain = plain
+        self.plain = plain
         self._values = compile_function(packed_parts, plain, self.names)
-        self.no_complex_step: dict[str, str] = {}  #: part -> reason
-        self._complex_names = self._find_complex_parts()
-        self._complex = compile_function(packed_parts, plain, self._complex_names) if self._complex_names else None
 
     def declares(self, name: str) -> bool:
         """Whether the system declares ``name``."""
-        return declared(self._plain.system, name) is not None
+        return declared(self.plain.system, name) is not None
 
     def at(self, state: Probe) -> Reference:
         """Values and Jacobians at ``state``."""
         value = self.values(state)
         differences, errors = (self._split(self.names, x) for x in self._differences(state))
-        found = self._split(self._complex_names, self._complex_step(state)) if self._complex else {}
-        return Reference(value, differences, errors, found)
+        return Reference(value, differences, errors)
 
     def values(self, state: Probe) -> dict[str, Vector]:
         """The parts at ``state``; entries may be NaN on the XLA route."""
@@ -168,7 +142,7 @@ class References:
         return np.stack([np.subtract(*(self._values(z, state.x) for z in pair)) for pair in sides], axis=1)
 
     def _noise(self, state: Probe, size: Matrix, jacobian: Matrix) -> Matrix:
-        """Roundoff of every row, (rows, 1): of its value and of z, whose digits may cancel in it, as far as J tells."""
+        """Roundoff of every row, (rows, 1): of its value and of z, whose digits may cancel in it, estimated by J."""
         terms = np.abs(jacobian) * np.maximum(np.abs(state.z), self.scales)
         noise = EPS * (size + np.fmax.reduce(terms, axis=1, keepdims=True))
         if self.from_differences and "constraint" in self.names:  # the velocity level is itself a difference
@@ -191,37 +165,6 @@ class References:
         for where in blocks(self.structure).values():
             result[:, where] = np.max(matrix[:, where], axis=1, keepdims=True, initial=0.0)
         return result
-
-    def _complex_step(self, state: Probe) -> Matrix:
-        """Imaginary parts along every entry of z: the derivative without cancellation."""
-        assert self._complex is not None  # noqa: S101 - for the type checker
-        columns = []
-        for j, scale in enumerate(self.scales):
-            step = COMPLEX_STEP * scale
-            z = _moved(state.z.astype(complex), j, 1j * step)
-            columns.append(np.imag(self._complex(z, state.x.astype(complex))) / step)
-        return np.stack(columns, axis=1)
-
-    def _find_complex_parts(self) -> tuple[str, ...]:
-        """Parts that can be traced with complex arguments; for the others the reason is kept."""
-        if self.from_differences:
-            self.no_complex_step = dict.fromkeys(self.names, "callbacks on NumPy arrays are called with real numbers only")
-            return ()
-        z = jax.ShapeDtypeStruct(self.scales.shape, complex)
-        x = jax.ShapeDtypeStruct((self.structure.n,), complex)
-        accepted = []
-        for name in self.names:
-            with warnings.catch_warnings(record=True) as seen:
-                warnings.simplefilter("always")
-                part = partial(packed_parts, self._plain, (name,))
-                trace = attempt(lambda part=part: jax.eval_shape(part, z, x))  # type: ignore[misc]
-            if trace.fault:
-                self.no_complex_step[name] = f"it refuses complex numbers ({trace.fault})"
-            elif any(issubclass(warning.category, np.exceptions.ComplexWarning) for warning in seen):
-                self.no_complex_step[name] = "it casts complex numbers to real ones"
-            else:
-                accepted.append(name)
-        return tuple(accepted)
 
 
 def _moved(z: Any, j: int, step: Any) -> Any:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from hhtbench.arguments import Vector
+from hhtbench.checks.result.flow import Crossing, Equations, Flow, NotJudged
 from hhtbench.protocol import Problem
 from hhtbench.request import Request, plan_steps
-from hhtbench.trust.flow import Equations, Flow, NotJudged
 
 FINEST = 1e-10  # relative: no motion is known better after many steps
 RESOLVED = 1e-8  # relative: accuracy of the motion in the first steps
-MOST_EVALUATIONS = 2000  # of the equations, for the first steps
+MAX_EVALUATIONS = 2000  # of the equations, for the first steps
 STEPS_SEEN = 8  # fewest steps that show how well they resolve the motion
 PLACES = 4  # in every step of the integration here, its end included, at which is seen what prescribed steps miss
 
@@ -21,7 +21,7 @@ def allowed_errors(problem: Problem, request: Request, equations: Equations, siz
     if not request.fixed:
         return by_tolerance(request, size)
     t, start = problem.t_span[0], np.concatenate([problem.q0, problem.v0])
-    equations.begin(MOST_EVALUATIONS, (problem.lam_guess, problem.mu_guess))
+    equations.begin(MAX_EVALUATIONS, (problem.lam_guess, problem.mu_guess))
     flow = Flow(equations, t, start, problem.t_span[1], RESOLVED, size)
     return Missed(flow, (t, problem.t_span[1]), problem, request, size).so_far
 
@@ -42,7 +42,7 @@ class Missed:
     """
 
     def __init__(self, flow: Flow, interval: tuple[float, float], problem: Problem, request: Request, size: Vector) -> None:
-        """``flow`` along the ``interval`` [s], whose first ``STEPS_SEEN`` steps are looked at; ``size`` (2n,) of y."""
+        """``flow`` along the ``interval`` [s], whose first ``STEPS_SEEN`` steps are measured; ``size`` (2n,) of y."""
         plan, (t, end) = plan_steps(request, *problem.t_span), interval
         if plan.count < STEPS_SEEN:
             raise NotJudged(f"{plan.count} steps are too few to tell how well they follow the motion")
@@ -51,8 +51,11 @@ class Missed:
         self._half = float(np.sign(end - t)) * min(h, abs(end - t)) / 2
         self._longer = (h / min(h, abs(end - t))) ** 2  # where less than a step is left, the error of a whole one
         self._between = sorted((t + self._half, end - self._half))
-        at_jump = np.abs(flow.at(t + self._half) - flow.at(t) - self._half * flow.rate)  # where the interval begins at one
-        self.so_far = np.maximum(FINEST * size, self._longer * at_jump)  #: (2n,)
+        self._crossed = 0
+        self.so_far = FINEST * size  #: (2n,)
+        if not self._crosses(t, t + self._half):
+            sudden = np.abs(flow.at(t + self._half) - flow.at(t) - self._half * flow.rate)  # a force that begins at once
+            self.so_far = np.maximum(self.so_far, self._longer * sudden)
         for k in range(1, 2 * STEPS_SEEN):
             self._look(t + k * self._half)
 
@@ -66,10 +69,24 @@ class Missed:
             self._seen += 1
             for part in range(1, PLACES + 1):
                 self._look(piece.t_old + part / PLACES * (piece.t - piece.t_old))
+        for crossing in self._flow.crossed[self._crossed :]:
+            self._crossed += 1
+            self.so_far = np.maximum(self.so_far, self._misplaced(crossing))
         return self.so_far
+
+    def _misplaced(self, crossing: Crossing) -> Vector:
+        """What an impulse leaves that acts half a step too early (2n,): steps do not end where the velocities jump."""
+        early = max(crossing.t - self._half, self._flow.t, key=lambda t: np.sign(self._half) * t)
+        change = self._flow.change_at(crossing.i, self._flow.at(early))
+        return np.abs(np.concatenate([self._half * crossing.change, change - crossing.change]))
+
+    def _crosses(self, start: float, end: float) -> bool:
+        return bool(self._flow.jumps.between(start, end))
 
     def _look(self, t: float) -> None:
         middle = min(max(t, self._between[0]), self._between[1])
+        if self._crosses(middle - self._half, middle + self._half):
+            return
         before, at, after = (self._flow.at(middle + part * self._half) for part in (-1, 0, 1))
         self.so_far = np.maximum(self.so_far, self._longer * np.abs(before - 2 * at + after))
 

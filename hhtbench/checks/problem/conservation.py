@@ -1,6 +1,6 @@
 """Energy and invariants: what is declared to be conserved is, what is fed is fed by ``power``.
 
-The balance must hold at every consistent state.  It is measured along the known motion and at made-up states too, since at
+The balance must hold at every consistent state.  It is measured along the known motion and at synthetic states too, since at
 the start both of its sides may vanish: nothing moves there, and a motion may not be known.
 """
 
@@ -14,10 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.checks.deviation import OWN_ERROR
-from hhtbench.checks.reference import Probe, split
-from hhtbench.checks.rows import attempt, not_measured
-from hhtbench.checks.scales import Sizes
+from hhtbench.checks.problem.deviation import OWN_ERROR
+from hhtbench.checks.problem.reference import Probe, split
+from hhtbench.checks.problem.rows import attempt, not_measured
+from hhtbench.checks.problem.scales import Sizes
 from hhtbench.evidence import Row
 from hhtbench.lowering import (
     CONSISTENT,
@@ -30,7 +30,7 @@ from hhtbench.lowering import (
 from hhtbench.lowering.dynamics.differences import derivative_along
 from hhtbench.protocol import Problem, declared
 
-MOST_TIMES = 8  # points of the known motion that are looked at
+MAX_TIMES = 8  # points of the known motion that are measured
 MEASURED = ("energy", "power", "invariants")
 BALANCE = 1e-9  # of the largest term of the power balance
 BY_DIFFERENCES = 1e-6  # the same for plain callables, beside the error that their differences show themselves
@@ -113,13 +113,13 @@ def _changes(problem: Problem, names: list[str], motion: list[Point]) -> dict[st
 def _known_motion(problem: Problem) -> list[Point]:
     """Points of the closed solution or the reference."""
     if problem.exact is not None:
-        times = np.linspace(*problem.t_span, MOST_TIMES)[1:]
+        times = np.linspace(*problem.t_span, MAX_TIMES)[1:]
         motions = [problem.exact(float(t)) for t in times]
         return [(float(t), np.asarray(x.q), np.asarray(x.v)) for t, x in zip(times, motions, strict=True)]
     if problem.reference is None:
         return []
     t = np.asarray(problem.reference["t"])
-    rows = np.unique(np.linspace(0, t.size - 1, min(MOST_TIMES, t.size)).astype(int))
+    rows = np.unique(np.linspace(0, t.size - 1, min(MAX_TIMES, t.size)).astype(int))
     return [(float(t[i]), problem.reference["q"][i], problem.reference["v"][i]) for i in rows]
 
 
@@ -131,12 +131,12 @@ def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes
     dynamics = _independent(dynamics, motion[0])
     level, terms = AccelerationLevel(dynamics), compile_function(energy_terms, dynamics)
     found = []
-    for i, place in enumerate([*motion, *_made_up(dynamics, sizes, states)]):
+    for i, place in enumerate([*motion, *_synthetic(dynamics, sizes, states)]):
         at = level.solve(*place, problem.lam_guess, problem.mu_guess)
         if not at.converged:  # there are no accelerations: the rows on the KKT matrix say so
             continue
         rates = np.asarray(terms(*place, at.vdot, at.lam, at.mu))
-        if i < len(motion) or np.isfinite(rates).all():  # a made-up state may lie where something is not defined
+        if i < len(motion) or np.isfinite(rates).all():  # a synthetic state may lie where something is not defined
             found.append(rates)
     if not found:
         raise ValueError("the accelerations are determined at no consistent state")
@@ -146,7 +146,7 @@ def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes
     return [float(x) for x in apart / np.maximum(size, np.finfo(float).tiny)]
 
 
-def _made_up(dynamics: Dynamics, sizes: Sizes, states: list[Probe]) -> list[Point]:
+def _synthetic(dynamics: Dynamics, sizes: Sizes, states: list[Probe]) -> list[Point]:
     """The ``states`` moved onto the constraints, where that succeeds."""
     levels = ConstraintLevels(dynamics, full=True)
     places = [split(dynamics.structure, state.z) for state in states]

@@ -5,7 +5,7 @@ window.  It may be ``BOUND`` times what the tolerance, or the length of the step
 becomes of a disturbance of that size in the window: two disturbed motions are integrated beside.  So vibrations and unstable
 motions set their own measure.
 
-The same measure tells what a window can show: the distance of the motion from a straight line, which knows of no force.  A
+The same measure shows what a window can show: the distance of the motion from a straight line, which knows of no force.  A
 window goes on until that is ``SEEN`` times what is allowed.
 """
 
@@ -18,21 +18,21 @@ from typing import NamedTuple
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
+from hhtbench.checks.result.allowed import Missed
+from hhtbench.checks.result.flow import Equations, Flow, NotJudged
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
-from hhtbench.trust.allowed import Missed
-from hhtbench.trust.flow import Equations, Flow, NotJudged
 
 BOUND = 50.0  # times the error allowed of a step: a window has many, and libraries miss their tolerances tenfold at times
 LEAST = 10.0  # of BOUND, where BELIEVABLE lowers it
 BELIEVABLE = 0.02  # of the typical size: where tolerances allow that much, many steps of such errors are no motion any more
-LEFT = 0.4  # of the typical size: that far from a straight line the motion can be told from it at any tolerance
+LEFT = 0.4  # of the typical size: that far from a straight line the motion can be distinguished from it at any tolerance
 AS_FAR = 0.8  # of the way from the motion to the straight line: rows that far off know nothing of forces
 SEEN = 20.0  # times the bound: how far the motion has left a straight line where a window ends
-MOST_EVALUATIONS = 800  # of the equations, for one motion in one window
+MAX_EVALUATIONS = 800  # of the equations, for one motion in one window
 ACCURACY = 1e-3  # of the allowed error: that of the integration here
 SMALL = 0.1  # of the allowed error: disturbances, so that what becomes of them is in proportion
-DISTURBED = 8  # most motions beside one that the rows do not follow
+MAX_DISTURBED = 8  # motions beside one that the rows do not follow
 
 
 class Rows(NamedTuple):
@@ -60,7 +60,9 @@ class Window:
     bound: float  #: what it may be
     seen: float  #: the largest error of a straight line from the first row
     blind: float | None  #: error over that of the straight line, where the motion has left that by ``LEFT``; None: nowhere
-    unfinished: str = ""  #: why it ends where it does, if not because enough is seen or there are no more rows
+    unfinished: str = (
+        ""  #: why it ends where it does, if not at the last row or because the motion has left the straight line
+    )
 
     @property
     def failed(self) -> bool:
@@ -86,7 +88,7 @@ class Follower:
     def follow(self, rows: Rows, multipliers: Multipliers | None = None) -> Window:
         """The motion from the first of ``rows`` beside the others; disturbed ones too where these do not follow it."""
         t, y = rows.t, np.concatenate([rows.q, rows.v], axis=1)
-        self.equations.begin(MOST_EVALUATIONS, multipliers)
+        self.equations.begin(MAX_EVALUATIONS, multipliers)
         try:
             motion, allowed_until = self._begin(float(t[0]), y[0])
         except NotJudged as reason:
@@ -94,11 +96,11 @@ class Follower:
         line = y[0] + (t - t[0])[:, None] * np.concatenate([rows.v[0], 0.0 * rows.v[0]])
         limits: list[Vector] = []
 
-        def enough(i: int, state: Vector) -> bool:
+        def left_line(i: int, state: Vector) -> bool:
             limits.append(allowed_until(float(t[i])))
             return self._over(state - line[i], limits[i]) > SEEN * self._bound(limits[i])
 
-        states, why = _along(motion, t, enough)
+        states, why = _along(motion, t, left_line)
         if not limits:
             return Window(float(t[0]), float(t[0]), off=0.0, bound=BOUND, seen=0.0, blind=None, unfinished=why)
         states, allowed = states[: len(limits)], np.array(limits)
@@ -106,7 +108,7 @@ class Follower:
         window = self._window(t, y, states, line, bound, allowed, why)
         if not window.failed:
             return window
-        self.equations.begin(MOST_EVALUATIONS, multipliers)
+        self.equations.begin(MAX_EVALUATIONS, multipliers)
         k = len(states)
 
         def far(i: int, state: Vector) -> bool:
@@ -119,7 +121,7 @@ class Follower:
         for sign in signs(y.shape[1]):
             if not window.failed:
                 break
-            self.equations.begin(MOST_EVALUATIONS, multipliers)
+            self.equations.begin(MAX_EVALUATIONS, multipliers)
             change = self.equations.along_constraints(float(t[0]), y[0], sign * allowed[-1], self.size)
             beside, _ = _along(self._flow(float(t[0]), y[0] + SMALL * change, allowed[-1]), t[: len(states)])
             states, carried, allowed = states[: len(beside)], carried[: len(beside)], allowed[: len(beside)]
@@ -140,7 +142,7 @@ class Follower:
         if not self.request.fixed:
             return self.allowed
         end = max(self.problem.t_span, key=lambda end: abs(end - t))
-        self.equations.begin(MOST_EVALUATIONS)
+        self.equations.begin(MAX_EVALUATIONS)
         motion = Flow(self.equations, t, y, end, ACCURACY * float(np.min(self.allowed / self.size)), self.size)
         return np.maximum(self.allowed, Missed(motion, (t, end), self.problem, self.request, self.size).so_far)
 
@@ -157,7 +159,7 @@ class Follower:
     ) -> Window:
         """Rows ``y``, and the straight ``line``, beside the ``states`` of the motion, as far as these go (k, 2n)."""
         k, limits = len(states), np.broadcast_to(allowed, states.shape)
-        resolved = self._distance(limits[0]) <= LEFT / 2  # else the steps are too long, or the tolerance too loose, to tell
+        resolved = self._distance(limits[0]) <= LEFT / 2  # else the steps are too long, or the tolerance too loose
         off, seen, blind = 0.0, 0.0, None
         worst = 0
         for i in range(k):
@@ -185,13 +187,13 @@ class Follower:
         return max(float(np.max(e) / np.max(a)) for e, a in zip(*parts, strict=True))
 
 
-def _along(motion: Flow, times: Vector, enough: Callable[[int, Vector], bool] = lambda i, y: False) -> tuple[Matrix, str]:
-    """The states of ``motion`` at ``times`` (k, 2n) until one is ``enough``; fewer where it cannot be followed, and why."""
+def _along(motion: Flow, times: Vector, until: Callable[[int, Vector], bool] = lambda i, y: False) -> tuple[Matrix, str]:
+    """The states of ``motion`` at ``times`` (k, 2n), up to one for which ``until`` holds; why there are fewer, or ""."""
     states: list[Vector] = []
     try:
         for i, t in enumerate(times.tolist()):
             states.append(motion.at(t))
-            if enough(i, states[i]):
+            if until(i, states[i]):
                 break
     except NotJudged as reason:
         return np.array(states), str(reason)
@@ -201,5 +203,5 @@ def _along(motion: Flow, times: Vector, enough: Callable[[int, Vector], bool] = 
 def signs(size: int) -> Iterator[Vector]:
     """Directions of disturbances, (size,) each: signs without an order."""
     index = np.arange(1.0, size + 1)
-    for k in range(DISTURBED):
+    for k in range(MAX_DISTURBED):
         yield np.where(np.cos((k + 1.0) * index**2) >= 0.0, 1.0, -1.0)

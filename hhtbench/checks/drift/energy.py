@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Dynamics, compile_function
+from hhtbench.lowering.dynamics.kkt import kkt_terms
 
 States = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 KNOWN = 0.5  # of the imbalance: the power's integral must be known better,
@@ -91,14 +92,7 @@ def balance(energy: Vector, kinetic: Vector, fed: Fed) -> Balance:
 def _recovered(dynamics: Dynamics, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
     """lam (m,) and mu (p,) of the acceleration level; not finite, or an exception, where they are not determined."""
     s, xp = dynamics.structure, dynamics.xp
-    lam, mu = xp.zeros(s.m), xp.zeros(s.p)
-    rows, rest = dynamics.acceleration_level(t, q, v)
-    columns = [dynamics.mass(t, q)]
-    if s.m:
-        columns.append(-dynamics.reaction_columns(t, q, v, lam))
-    if s.p:
-        columns.append(-dynamics.velocity_reaction_jacobians(t, q, v, mu)[1])
-    below = xp.concatenate([rows, xp.zeros((s.m + s.p, s.m + s.p))], axis=1)
-    matrix = xp.concatenate([xp.concatenate(columns, axis=1), below])
-    x = xp.linalg.solve(matrix, -xp.concatenate([dynamics.residual(t, q, v, 0.0, lam, mu), rest]))
+    size = s.n + s.m + s.p
+    packed = kkt_terms(dynamics, t, q, v, xp.zeros(size))
+    x = -xp.linalg.solve(packed[size:].reshape(size, size), packed[:size])
     return x[s.n : s.n + s.m], x[s.n + s.m :]

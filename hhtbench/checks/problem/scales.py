@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import Vector, real_array
-from hhtbench.checks.rows import attempt, yes_or_fault
+from hhtbench.checks.problem.rows import attempt, yes_or_fault
 from hhtbench.evidence import Row
 from hhtbench.protocol import Problem
 

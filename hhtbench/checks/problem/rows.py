@@ -9,7 +9,7 @@ from typing import Any
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.evidence import Row
 
-LONGEST = 240  # characters of a reason; a library's message may run over pages
+MAX_CHARACTERS = 240  # characters of a reason; a library's message may run over pages
 
 
 @dataclass(frozen=True)
@@ -29,8 +29,8 @@ def attempt(action: Callable[[], Any]) -> Attempted:
 
 
 def reason_of(error: Exception) -> str:
-    """The first line of an error; our own errors say enough without their type."""
-    line = next(iter(str(error).strip().splitlines()), "")[:LONGEST]
+    """The first line of an error; our own errors need no type."""
+    line = next(iter(str(error).strip().splitlines()), "")[:MAX_CHARACTERS]
     if isinstance(error, (ProblemError, NonFiniteValue)) and line:
         return line
     return f"{type(error).__name__}: {line}" if line else type(error).__name__

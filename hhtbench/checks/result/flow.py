@@ -6,6 +6,7 @@ the drift off the constraints is below its tolerance.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.linalg import lapack
 
 from hhtbench.arguments import Vector, all_finite
 from hhtbench.errors import NonFiniteValue
+from hhtbench.jumps import find_jumps
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive, reduce_redundant
 from hhtbench.protocol import Problem
 
@@ -25,9 +27,13 @@ class NotJudged(Exception):
 
 
 class Equations:
-    """y' of y = [q, v] (2n,), counted."""
+    """y' of y = [q, v] (2n,), counted, and the jumps of v that prescribed velocities make."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, times: Vector | None = None) -> None:
+        """``times`` (k,) [s] of the rows, between which jumps are searched."""
+        self.jumps = find_jumps(problem, times)
+        if self.jumps.declined:
+            raise NotJudged(self.jumps.declined)
         t, q, v = problem.t_span[0], problem.q0, problem.v0
         dynamics: Any = derive(problem.system, t, q, v)
         whole = dynamics
@@ -43,18 +49,18 @@ class Equations:
         self._sizes = dynamics.structure.m, dynamics.structure.p
         self.linear = dynamics.structure.linear_reaction
         self._multipliers: Any = (None, None)
-        self._left = self._most = 0
+        self._left = self._limit = 0
 
-    def begin(self, most: int, multipliers: Any = None) -> None:
-        """Allow ``most`` evaluations; ``multipliers`` lam (m,), mu (p,) pick the root of a nonlinear reaction."""
-        self._left = self._most = most
+    def begin(self, limit: int, multipliers: Any = None) -> None:
+        """Allow ``limit`` evaluations; ``multipliers`` lam (m,), mu (p,) pick the root of a nonlinear reaction."""
+        self._left = self._limit = limit
         if not self.linear and multipliers is not None and tuple(map(np.size, multipliers)) == self._sizes:
             self._multipliers = tuple(multipliers)
 
     @property
     def used(self) -> int:
         """Evaluations since :meth:`begin`."""
-        return min(self._most, self._most - self._left)
+        return min(self._limit, self._limit - self._left)
 
     def along_constraints(self, t: float, y: Vector, change: Vector, size: Vector) -> Vector:
         """The part of a small ``change`` of y (2n,) that stays on the constraints; (2n,), in units of ``size``."""
@@ -95,7 +101,7 @@ class Equations:
         """[v, vdot]; NaN where the accelerations are not determined, from which a step is shortened."""
         self._left -= 1
         if self._left < 0:
-            raise NotJudged(f"the motion in it takes more than {self._most} evaluations")
+            raise NotJudged(f"the motion in it takes more than {self._limit} evaluations")
         n = self._n
         q, v = y[:n].copy(), y[n:].copy()
         try:
@@ -118,29 +124,73 @@ class Equations:
         return -x[: self._n] if info == 0 and all_finite(x) else None
 
 
+@dataclass(frozen=True)
+class Crossing:
+    """A jump that a motion has come across."""
+
+    i: int  #: its number
+    t: float  #: [s]
+    y: Vector  #: [q, v] (2n,) before it
+    change: Vector  #: of v (n,)
+
+
 class Flow:
-    """The motion from (t, y) towards ``end`` [s]; its steps are made when a later state is asked for."""
+    """The motion from (t, y) towards ``end`` [s]; its steps are made when a later state is asked for.
+
+    It is integrated piece by piece: up to a jump of the velocities, and on from the velocities that the impulse leaves.
+    """
 
     def __init__(self, equations: Equations, t: float, y: Vector, end: float, rtol: float, size: Vector) -> None:
         """``rtol``, of the ``size`` (2n,) of y."""
         rtol = min(max(rtol, FINEST), COARSEST)
-        self._t, self._y, self._forward = t, y, end > t
-        with np.errstate(all="ignore"):
-            self._steps: Any = DOP853(equations, t, y, end, rtol=rtol, atol=rtol * size)  # type: ignore[arg-type] # one a component
-        if not np.isfinite(self._steps.f).all():
-            raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
-        self.rate: Vector = self._steps.f  #: y' (2n,) at ``t``
+        self.equations, self.t, self._y, self._end, self._forward = equations, t, y, end, end > t
+        self._tolerances: Any = {"rtol": rtol, "atol": rtol * size}
+        self.jumps = equations.jumps.towards(end - t)
+        self._ahead = self.jumps.between(t, end)
         self.pieces: list[Any] = []  #: dense outputs of the steps so far
+        self.crossed: list[Crossing] = []  #: the jumps so far
+        self._begin(t, y)
+        self.rate: Vector = self._steps.f  #: y' (2n,) at ``t``
 
     def at(self, t: float) -> Vector:
         """y (2n,) at ``t``, or as far as the interval goes."""
-        while self._steps.status == "running" and (self._steps.t < t) == self._forward and self._steps.t != t:
-            with np.errstate(all="ignore"):
-                self._steps.step()
-            if self._steps.status == "failed":
-                raise NotJudged(f"the accelerations are not determined, or not bounded, after t = {self._steps.t:.17g}")
-            self.pieces.append(self._steps.dense_output())
+        while self._steps.t != t and (self._steps.t < t) == self._forward:
+            if self._steps.status == "running":
+                self._step()
+            elif self._ahead:
+                self._cross(self._ahead.pop(0))
+            else:
+                break
         for piece in reversed(self.pieces):
             if (piece.t_old <= t) == self._forward or piece.t_old == t:
                 return np.asarray(piece(t), dtype=np.float64)
         return self._y
+
+    def change_at(self, i: int, y: Vector) -> Vector:
+        """The change of v (n,) by the impulse of jump ``i`` at the state y = [q, v] (2n,) before it."""
+        q, v = np.split(y, 2)
+        try:
+            return self.jumps.velocities(i, q.copy(), v.copy())[0] - v
+        except ValueError as error:
+            raise NotJudged(str(error)) from error
+
+    def _begin(self, t: float, y: Vector) -> None:
+        """Integrate from (t, y) to the next jump."""
+        end = float(self.jumps.before[self._ahead[0]]) if self._ahead else self._end
+        with np.errstate(all="ignore"):
+            self._steps: Any = DOP853(self.equations, t, y, end, **self._tolerances)
+        if not np.isfinite(self._steps.f).all():
+            raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
+
+    def _step(self) -> None:
+        with np.errstate(all="ignore"):
+            self._steps.step()
+        if self._steps.status == "failed":
+            raise NotJudged(f"the accelerations are not determined, or not bounded, after t = {self._steps.t:.17g}")
+        self.pieces.append(self._steps.dense_output())
+
+    def _cross(self, i: int) -> None:
+        y = np.asarray(self._steps.y)
+        change = self.change_at(i, y)
+        self.crossed.append(Crossing(i, float(self.jumps.times[i]), y, change))
+        self._begin(float(self.jumps.after[i]), y + np.concatenate([0.0 * change, change]))

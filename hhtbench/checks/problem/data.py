@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.arguments import real_values
-from hhtbench.checks.rows import attempt, yes_or_fault
-from hhtbench.checks.scales import Sizes
-from hhtbench.checks.start import Start
+from hhtbench.checks.problem.rows import attempt, yes_or_fault
+from hhtbench.checks.problem.scales import Sizes
+from hhtbench.checks.problem.start import Start
 from hhtbench.evidence import Row
 from hhtbench.lowering import CONSISTENT
 from hhtbench.protocol import Problem, declared
@@ -27,7 +27,9 @@ def data_rows(problem: Problem, m: int | None, p: int | None, sizes: Sizes, star
     rows += [_observable_row(problem, name, m or 0, start) for name in problem.observables]
     if problem.exact is not None:
         exact = problem.exact
-        rows.append(_solution_row("data/exact", "the exact solution begins at q0, v0", problem, sizes, exact, CONSISTENT))
+        start_of = lambda: (exact(problem.t_span[0]).q, exact(problem.t_span[0]).v)  # noqa: E731
+        claim = "the exact solution begins at q0, v0"
+        rows.append(_solution_row("data/exact", claim, problem, sizes, start_of, CONSISTENT))
     if problem.reference is not None:
         rows.append(_reference_row(problem, sizes))
     return rows
@@ -71,26 +73,25 @@ def _observable_row(problem: Problem, name: str, m: int, start: Start | None) ->
     )
 
 
-def _solution_row(
-    row_id: str, claim: str, problem: Problem, sizes: Sizes, motion: Callable[[float], Any], bound: float
-) -> Row:
+def _solution_row(row_id: str, claim: str, problem: Problem, sizes: Sizes, state: Callable[[], Any], bound: float) -> Row:
+    """``state`` gives q and v at the start."""
+
     def apart() -> dict[str, float]:
-        at_start = motion(problem.t_span[0])
         found = {}
-        for name, wanted, size in (("q", problem.q0, sizes.q), ("v", problem.v0, sizes.v)):
-            given = real_values(name, getattr(at_start, name))
-            if given.shape != wanted.shape:
-                raise ValueError(f"{name} must have shape {wanted.shape}; got {given.shape}")
-            found[name] = float(np.max(np.abs(given - wanted) / size))
+        for name, given, wanted, size in zip("qv", state(), (problem.q0, problem.v0), (sizes.q, sizes.v), strict=True):
+            values = real_values(name, given)
+            if values.shape != wanted.shape:
+                raise ValueError(f"{name} must have shape {wanted.shape}; got {values.shape}")
+            found[name] = float(np.max(np.abs(values - wanted) / size))
         return found
 
     outcome = attempt(apart)
     text = f"{bound:.0e} of the typical size"
     if outcome.fault:
         return yes_or_fault(row_id, claim, outcome.fault, "", text)
-    worst = max(outcome.value.values())
     holds = all(x <= bound for x in outcome.value.values())
-    measured: str | float = worst if holds else ", ".join(f"{name} differs by {x:.2g}" for name, x in outcome.value.items())
+    worst: Any = max(outcome.value.values())
+    measured = worst if holds else ", ".join(f"{name} differs by {x:.2g}" for name, x in outcome.value.items())
     return Row(id=row_id, claim=claim, measured=measured, bound=text, passed=holds)
 
 
@@ -99,26 +100,17 @@ def _reference_row(problem: Problem, sizes: Sizes) -> Row:
     reference: Any = problem.reference
     claim = "the reference fits the problem and agrees with q0, v0 where it starts there"
 
-    def shapes() -> int | None:
+    def row_at_start() -> int | None:
         t = real_values("t", reference["t"])
         for name in ("q", "v"):
             shape = real_values(name, reference[name]).shape
             if shape != (t.size, problem.q0.size):
                 raise ValueError(f"{name} must have shape ({t.size}, {problem.q0.size}); got {shape}")
-        at_start = np.flatnonzero(t == problem.t_span[0])
-        return int(at_start[0]) if at_start.size else None
+        return next(iter(np.flatnonzero(t == problem.t_span[0]).tolist()), None)
 
-    outcome = attempt(shapes)
-    if outcome.fault or outcome.value is None:
-        return yes_or_fault("data/reference", claim, outcome.fault, "fits; it has no row at the start", "fits")
-    row = outcome.value
+    row = attempt(row_at_start)
+    if row.fault or row.value is None:
+        return yes_or_fault("data/reference", claim, row.fault, "fits; it has no row at the start", "fits")
     bound = max(CONSISTENT, 10.0 ** -int(reference.get("digits", 8)))
-    motion = lambda _: _AtStart(np.asarray(reference["q"])[row], np.asarray(reference["v"])[row])  # noqa: E731 - one use
-    return _solution_row("data/reference", claim, problem, sizes, motion, bound)
-
-
-class _AtStart:
-    """One row of a reference table."""
-
-    def __init__(self, q: Any, v: Any) -> None:
-        self.q, self.v = q, v
+    start = lambda: (reference["q"][row.value], reference["v"][row.value])  # noqa: E731
+    return _solution_row("data/reference", claim, problem, sizes, start, bound)

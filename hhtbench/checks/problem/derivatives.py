@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Matrix
-from hhtbench.checks.deviation import USABLE, Worst, by_complex_step, by_differences, of_one_size, worse
-from hhtbench.checks.reference import Probe, Reference, References, part_rows, parts_of, split
-from hhtbench.checks.rows import attempt, not_measured
+from hhtbench.checks.problem.deviation import USABLE, Worst, by_differences, of_one_size, worse
+from hhtbench.checks.problem.reference import Probe, Reference, References, part_rows, parts_of, split
+from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.dynamics.dynamics import evaluate
@@ -19,13 +19,13 @@ from hhtbench.protocol import declared
 
 DIFFERENCE_BOUND = 1e-6
 FIRST_ORDER_BOUND = 1e-4  # first-order differences serve Newton's matrix only, where four digits are plenty
-COMPLEX_BOUND = 1e-12
+EXACT_BOUND = 1e-12  # of automatic differentiation
 # A deviation is relative to the largest term of its row plus a floor: so much of all that enters the row's function,
 # since where a derivative vanishes only roundoff of those terms is left.
 DIFFERENCE_FLOOR = 1e-5
 NESTED_FLOOR = 1e-2  # the reference is a difference of differences
 DERIVED_FLOOR = 1.0  # what is judged comes from differences too
-COMPLEX_FLOOR = 1e-2
+EXACT_FLOOR = 1e-2
 
 
 SYMBOLS = {
@@ -112,6 +112,7 @@ class Sample:
     state: Probe
     reference: Reference
     given: dict[str, Matrix | str]  #: derivative -> (rows, columns), or why there is none
+    automatic: dict[str, Matrix | str]  #: the same by automatic differentiation alone; {} for plain callables
 
 
 def names_of(s: Structure) -> tuple[str, ...]:
@@ -173,36 +174,41 @@ def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sa
             reason = f"it is made from {' and '.join(rests_on)}, which fail"
             rows[name] = not_measured(f"derivative/{name}", claim, bound, reason)
         else:
-            rows[name] = _row(name, claim, bound, references, samples, first_order)
+            limit = FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND
+            rows[name] = _row(name, claim, limit, references, samples, bool(is_declared))
     return list(rows.values())
 
 
-def _row(name: str, claim: str, bound: str, references: References, samples: list[Sample], first_order: bool) -> Row:
+def _row(name: str, claim: str, limit: float, references: References, samples: list[Sample], is_declared: bool) -> Row:
     derivative, row_id = DERIVED[name], f"derivative/{name}"
-    difference, exact = Worst(), Worst()
-    reason = references.no_complex_step.get(derivative.part, "")
-    limit = FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND
-    floor = _difference_floor(name, references)
+    difference, exact, bound = Worst(), Worst(), f"{limit:.0e} by differences"
+    floor, judged = _difference_floor(name, references), False
     expected = of_one_size([by_differences(derivative, references, x.reference, x.state) for x in samples])
     for sample, roughly in zip(samples, expected, strict=True):
-        given = sample.given[name]
+        given, automatic = sample.given[name], sample.automatic.get(name, "")
         if isinstance(given, str):
             return Row(id=row_id, claim=claim, measured=f"{given} ({sample.label})", bound=bound, passed=False)
         difference = worse(difference, given, roughly, floor, sample.label)
-        if reason:
+        if not is_declared or isinstance(automatic, str):
             continue
-        exactly = by_complex_step(derivative, references, sample.reference, sample.state, roughly.row_size)
-        if worse(Worst(), exactly.matrix, roughly, floor, "").size > FIRST_ORDER_BOUND:
-            reason = "it is not holomorphic as written (abs, a comparison)"
-        else:
-            exact = worse(exact, given, exactly, COMPLEX_FLOOR, sample.label)
-    good = difference.size <= limit and (bool(reason) or exact.size <= COMPLEX_BOUND)
+        if worse(Worst(), automatic, roughly, floor, "").size <= FIRST_ORDER_BOUND:  # beside a kink it need not agree
+            exact, judged = (
+                worse(exact, given, replace(roughly, matrix=automatic, error=0.0), EXACT_FLOOR, sample.label),
+                True,
+            )
+    good = difference.size <= limit and exact.size <= EXACT_BOUND
     blur, where = max((one.blur, sample.label) for one, sample in zip(expected, samples, strict=True))
-    if good and reason and blur > USABLE:
+    if good and not judged and blur > USABLE:
         return _unjudged(name, claim, bound, references, where)
     bound += f" beside their own error of {blur:.0e}" if blur > limit else ""
-    bound = bound if reason else f"{bound}, {COMPLEX_BOUND:.0e} by the complex step"
-    measured = _measured(difference, exact, reason) if good else _fault(difference, exact, limit)
+    bound += f", {EXACT_BOUND:.0e} by automatic differentiation" if judged else ""
+    measured = f"{difference.size:.1e} by differences" + (
+        f", {exact.size:.1e} by automatic differentiation" if judged else ""
+    )
+    if difference.size > limit:
+        measured = f"{difference.size:.1e} by differences ({difference.text})"
+    elif not good:
+        measured = f"{exact.size:.1e} by automatic differentiation ({exact.text})"
     return Row(id=row_id, claim=claim, measured=measured, bound=bound, passed=good)
 
 
@@ -226,14 +232,3 @@ def _unjudged(name: str, claim: str, bound: str, references: References, where: 
         return Row(id=f"derivative/{name}", claim=claim, measured=f"not judged: {text}", bound=bound, passed=None)
     advice = f"; declare {derivative.declared_as}" if derivative.declared_as else ""
     return not_measured(f"derivative/{name}", claim, bound, f"{text} and it is made of them{advice}")
-
-
-def _measured(difference: Worst, exact: Worst, reason: str) -> str:
-    complex_step = f"; no complex step: {reason}" if reason else f", {exact.size:.1e} by the complex step"
-    return f"{difference.size:.1e} by differences{complex_step}"
-
-
-def _fault(difference: Worst, exact: Worst, limit: float) -> str:
-    if difference.size > limit:
-        return f"{difference.size:.1e} by differences ({difference.text})"
-    return f"{exact.size:.1e} by the complex step ({exact.text})"

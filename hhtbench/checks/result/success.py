@@ -1,17 +1,22 @@
-"""What a solution's rows and counters show without any physics: types, shapes, times, finiteness, the start, the work.
+"""Can a success be believed?  Types, shapes, times, finiteness, the start, the work, constraints, rows that stand still.
 
-Each check gives the empty text or what speaks against a success, beginning with the name of the check.  Whether multipliers
-may be nan, :mod:`hhtbench.trust.rank` tells.
+Each check gives the empty text or what speaks against a success, beginning with the name of the check.  None integrates:
+all of them together take some microseconds, and :func:`check_success` makes them of every success that ``hb.solve`` returns.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
+from contextlib import suppress
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector, all_finite
+from hhtbench.checks.result.levels import sizes_of, unknown_without_reason, violated
+from hhtbench.counting import Clock
+from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering import CONSISTENT, AccelerationLevel, ConstraintLevels, derive
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Counters, Ends, Solution, Status
@@ -19,12 +24,49 @@ from hhtbench.result import Counters, Ends, Solution, Status
 SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
 SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
 ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
-TOLD = 0.9  # of the steps that are counted: so many ends at least
+REPORTED = 0.9  # of the steps that are counted: so many ends at least
 COUNTED = tuple(field.name for field in fields(Counters) if field.name != "provenance")
 EMPTY = np.zeros(0)
 FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
+MOVED = 0.1  # of the typical size: by that much the start leads away over the interval, to first order
 
 Motion = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
+
+
+def check_success(problem: Problem, request: Request, solution: Any, clock: Clock | None = None) -> str:
+    """Why what a solver returned as a success cannot be one; "" where nothing says so, or where it is no success.
+
+    Functions of a NumPy system are called at few rows, and no more when the time of ``clock`` is over.
+    """
+    doubt = doubt_about(problem, request, solution)
+    if doubt or not solution.success:
+        return doubt
+    doubt = wrong_columns(problem, solution) or _moved_start(problem, request, solution)
+    if not doubt and not (all_finite(solution.lam) and all_finite(solution.mu)):
+        doubt = unknown_without_reason(problem, solution, clock)
+    doubt = doubt or violated(problem, request, (solution.t, solution.q, solution.v), clock=clock)
+    return doubt or (_rests(problem, solution) if solution.q[0].tobytes() == solution.q[-1].tobytes() else "")
+
+
+def wrong_columns(problem: Problem, solution: Solution) -> str:
+    """Which multipliers have not one column for each constraint; "" where all have."""
+    structure = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
+    for name, wanted in (("lam", structure.m), ("mu", structure.p)):
+        found = getattr(solution, name).shape[1]
+        if found != wanted:
+            return f"shapes: {name} has {found} columns; the system has {wanted} such constraints."
+    return ""
+
+
+def _moved_start(problem: Problem, request: Request, solution: Solution) -> str:
+    """That a consistent start was moved, which ``calc_initcond`` leaves where it is; "" where it was not."""
+    place = problem.t_span[0], problem.q0, problem.v0
+    if not request.calc_initcond:
+        return ""
+    levels = ConstraintLevels(derive(problem.system, *place)).at(*place)
+    if not levels.hold(problem.q0, problem.v0, CONSISTENT):
+        return ""
+    return _start(problem, replace(request, calc_initcond=False), (solution.t, solution.q, solution.v))
 
 
 def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
@@ -50,7 +92,7 @@ def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
 def too_few(ends: Ends, counters: Counters) -> bool:
     """Whether they cannot be all ends of the steps that are counted; far from t = 0 times are rounded to one."""
     gap = float(np.abs(np.diff(ends.t)).min(initial=np.inf))
-    return ends.t.size < TOLD * (counters.steps_accepted or 0) and gap > 4 * np.spacing(np.abs(ends.t).max())
+    return ends.t.size < REPORTED * (counters.steps_accepted or 0) and gap > 4 * np.spacing(np.abs(ends.t).max())
 
 
 def _ends(problem: Problem, request: Request, solution: Solution) -> str:
@@ -69,12 +111,12 @@ def _ends(problem: Problem, request: Request, solution: Solution) -> str:
     if not found and (ends.t[-1] - t1) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
         return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the interval ends at t = {t1:.17g}."
     if not found and too_few(ends, solution.counters):
-        return f"ends of steps: {k} are told, and {solution.counters.steps_accepted} steps were accepted."
+        return f"ends of steps: {k} are reported, and {solution.counters.steps_accepted} steps were accepted."
     return found or _start(problem, request, (ends.t, ends.q, ends.v))
 
 
 def impossible_work(counters: Counters, seconds: float) -> str:
-    """Which counter is more than could be done in so many ``seconds`` of wall time, in words."""
+    """Which counter is more than could be done in so many ``seconds`` of wall time; "" if none."""
     for field in fields(Counters):
         value = getattr(counters, field.name)
         if isinstance(value, (int, np.integer)) and value * FASTEST > seconds:
@@ -83,7 +125,7 @@ def impossible_work(counters: Counters, seconds: float) -> str:
 
 
 def ends_elsewhere(problem: Problem, request: Request, first: Solution, again: Solution) -> str:
-    """How far apart two solves end that were asked for the same, in words; "" where that can be believed."""
+    """How far apart two solves end that were asked for the same; "" where that can be believed."""
     if not (first.t.size and again.t.size and first.t[-1] == again.t[-1]):
         return ""
     rtol = 0.0 if request.rtol is None else float(np.max(request.rtol))
@@ -185,7 +227,7 @@ def _event(problem: Problem, request: Request, solution: Solution) -> str:
     room = SAME_TIME * _span(problem)
     beyond = np.inf if request.t_eval is not None else room  # rows at given times end before the event
     at_last = [np.any((ahead * (times - last) >= -room) & (ahead * (times - last) <= beyond)) for times in solution.t_events]
-    return "" if any(at_last) else "end: a terminal event is reported, and none is told at the last row."
+    return "" if any(at_last) else "end: a terminal event is reported, and none is reported at the last row."
 
 
 def _counters(request: Request, solution: Solution) -> str:
@@ -197,8 +239,8 @@ def _counters(request: Request, solution: Solution) -> str:
             return f"counters: {name} is {value!r}; a whole number from 0 on was expected, or None: not reported."
     least, evaluations = max(counters.steps_accepted or 0, 1), counters.residual_evaluations
     if complete and evaluations is not None and evaluations < least:
-        told = f"{evaluations} evaluations of the forces are too few for {least} steps"
-        return f"counters: {told}; None stands for what is not reported."
+        few = f"{evaluations} evaluations of the forces are too few for {least} steps"
+        return f"counters: {few}; None stands for what is not reported."
     steps = counters.steps_accepted or solution.t.size  # 0 where a plugin has left it as it was
     if request.t_eval is None and solution.t.size - 1 - sum(map(len, solution.t_events)) > steps:
         return f"counters: {solution.t.size} rows at the ends of steps are too many for {steps} steps."
@@ -207,3 +249,19 @@ def _counters(request: Request, solution: Solution) -> str:
 
 def _span(problem: Problem) -> float:
     return abs(problem.t_span[1] - problem.t_span[0])
+
+
+def _rests(problem: Problem, solution: Solution) -> str:
+    """That the rows are one state bit by bit although it cannot rest; else ""."""
+    t, q, v = solution.t, solution.q, solution.v
+    if t[0] == t[-1] or not (np.all(q == q[0]) and np.all(v == v[0])):
+        return ""
+    rates, size = [v[0]], np.split(sizes_of(problem, q, v), 2)
+    dynamics = derive(problem.system, float(t[0]), q[0], v[0])
+    with suppress(NonFiniteValue):
+        found = AccelerationLevel(dynamics).solve(float(t[0]), q[0].copy(), v[0].copy())
+        rates += [found.vdot] if found.converged else []
+    way = max(float(np.max(np.abs(rate) / s)) for rate, s in zip(rates, size, strict=False)) * abs(float(t[-1] - t[0]))
+    if way <= MOVED:
+        return ""
+    return f"motion: All rows are the state at t = {t[0]:.17g}, which leads away by {way:.2g} of its size over the interval."

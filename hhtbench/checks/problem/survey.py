@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import real_values
-from hhtbench.checks.rows import attempt, not_measured, yes_or_fault
+from hhtbench.checks.problem.rows import attempt, not_measured, yes_or_fault
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Row
 from hhtbench.protocol import (

@@ -1,5 +1,5 @@
 """How far a solution leaves what it should keep: both levels of the constraints, energy, invariants."""
 
-from hhtbench.drift.measure import Drift, measure_drift, own_at_rows, own_at_steps
+from hhtbench.checks.drift.measure import Drift, measure_drift, own_at_rows, own_at_steps
 
 __all__ = ["Drift", "measure_drift", "own_at_rows", "own_at_steps"]

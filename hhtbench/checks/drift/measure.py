@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.drift.energy import (
+from hhtbench.checks.drift.energy import (
     Balance,
     Fed,
     balance,
@@ -31,7 +31,7 @@ from hhtbench.result import Ends, Solution, ends_of
 NO_MULTIPLIERS = "no multipliers of its own: zero by construction"
 SINGULAR_MASS = "the accelerations do not follow from the multipliers: the mass is singular, or a value is not finite"
 EMPTY = 1e-10  # of the largest row: terms that are smaller in the whole run are roundoff
-MOST_OWN = 5000  # states at which the acceleration level is looked at, each by a linear system of its own
+MAX_OWN = 5000  # states at which the acceleration level is measured, each by a linear system of its own
 CHUNK = 256  # states per call: one compiled shape for all lengths
 
 _names = Cache(16)  # of invariants, by system
@@ -90,9 +90,9 @@ class Drift:
 
 
 def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
-    """Drift over all internal steps, where they are told (:func:`~hhtbench.result.ends_of`), else over the rows; None: none.
+    """Drift over all internal steps where they are known (:func:`~hhtbench.result.ends_of`), else over rows; None: no state.
 
-    Never over HHT's rows between steps, which are put onto the constraints: they would look better than its steps.
+    Never over HHT's rows between steps, which are put onto the constraints: their drift is smaller than that of its steps.
     """
     sampled, t, q, v = _states(solution)
     if t.size == 0:
@@ -186,10 +186,10 @@ def _in_chunks(
 def _states(solution: Solution) -> tuple[str, Vector, Matrix, Matrix]:
     """Where the drift is measured, and t, q, v there, up to the first value that is not finite."""
     ends = ends_of(solution)
-    sampled, told = ("rows", solution) if ends is None else ("steps", ends)
-    if np.size(told.t) == 0:
+    sampled, rows = ("rows", solution) if ends is None else ("steps", ends)
+    if np.size(rows.t) == 0:
         return sampled, np.zeros(0), np.zeros((0, 0)), np.zeros((0, 0))
-    t, q, v = (np.asarray(x, dtype=np.float64) for x in (told.t, told.q, told.v))
+    t, q, v = (np.asarray(x, dtype=np.float64) for x in (rows.t, rows.q, rows.v))
     finite = np.isfinite(t) & np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1)
     kept = t.size if finite.all() else int(np.argmin(finite))
     return sampled, t[:kept], q[:kept], v[:kept]
@@ -217,7 +217,7 @@ def own_at_steps(solution: Solution) -> Own | None:
 
 
 def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, str | None]:
-    """Drift at the acceleration level at states of ``own``, at most ``MOST_OWN`` evenly spread, or None and the reason.
+    """Drift at the acceleration level at states of ``own``, at most ``MAX_OWN`` evenly spread, or None and the reason.
 
     Over the largest size that the row's terms have in the run: at an instant where all of them vanish, as in a turning
     point, any error is as large as they are.  A row whose terms are roundoff throughout, as that of a joint out of the plane
@@ -232,7 +232,7 @@ def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, st
     unknown = f"where its multipliers are nan, in {own.t.size - known.size} of {own.t.size} rows"
     if not known.size:
         return None, unknown
-    some = known[np.unique(np.linspace(0, known.size - 1, MOST_OWN).astype(int))]
+    some = known[np.unique(np.linspace(0, known.size - 1, MAX_OWN).astype(int))]
     try:
         terms = _in_chunks(row_terms, dynamics, (), tuple(part[some] for part in (own.t, own.q, own.v, own.lam, own.mu)))
     except np.linalg.LinAlgError:

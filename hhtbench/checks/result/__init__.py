@@ -1,0 +1,1 @@
+"""Is the success that a solver reports believable, whoever wrote it?"""
