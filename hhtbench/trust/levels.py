@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from itertools import accumulate
 from typing import Any, NamedTuple
 
@@ -13,9 +12,8 @@ from numpy.typing import NDArray
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
-from hhtbench.lowering import ConstraintLevels, Dynamics, NotNative, at_rows, derive, native, route_of, too_large
+from hhtbench.lowering import ConstraintLevels, Dynamics, derive
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.trust.sizes import BESIDE
@@ -103,13 +101,10 @@ class AtRows:
         s = dynamics.structure
         self.n, self.m, self.p = n, m, p = s.n, s.m, s.p
         self._at = ConstraintLevels(dynamics)
-        self._terms: Callable[[Any, Any, Any], Matrix] | None = None
+        self._terms = self._at.at_rows()
         ends = list(accumulate((m, m, m * n, p, p * n, m)))
         #: where machine code puts g, g_t, g_q, k, k_v and g_t + g_q v
         self._g, self._g_t, self._g_q, self._k, self._k_v, self._drift = map(slice, [0, *ends], ends)
-        if route_of(dynamics) != "numpy" and too_large(dynamics) is None:
-            with suppress(NotNative):
-                self._terms = at_rows(native(level_terms, dynamics, shapes=((), (n,), (n,))))
 
     def levels(
         self, problem: Problem, bound: float, rows: Rows, deep: bool, clock: Clock | None

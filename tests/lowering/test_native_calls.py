@@ -10,7 +10,7 @@ from jax import Array, lax
 
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import compile_function, derive, routes
-from hhtbench.lowering.compile.compiling import _Compiled
+from hhtbench.lowering.compile.compiled import Compiled
 from hhtbench.protocol import NumpySystem, System, parameter
 
 Q, V = np.array([1.0, 2.0]), np.array([0.5, -0.5])
@@ -112,14 +112,14 @@ def test_threads_do_not_share_memory():
     assert wrong == []
 
 
-class Raced(_Compiled):
+class Raced(Compiled):
     """A function of which another thread calls the code of other shapes whenever this one has chosen its own."""
 
     _last = property(lambda self: lambda *arguments: None, lambda self, call: None)
 
 
 def test_a_thread_calls_the_code_of_its_own_shapes_whatever_another_thread_calls(monkeypatch):
-    monkeypatch.delattr(_Compiled, "_by_xla")
+    monkeypatch.delattr(Compiled, "_by_xla")
     raced = Raced(force_of, derive(Spring(), 0.0, Q, V), (), "auto")
     for t in (0.0, 1.0):
         np.testing.assert_array_equal(raced.call(t, Q, V), -2.0 * Q + t * V)

@@ -5,35 +5,39 @@ Callbacks get read-only copies and a plain float t; results are copied, and chec
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import FLOAT, all_finite, real_values
+from hhtbench.arguments import FLOAT, Vector, all_finite, real_values
 from hhtbench.counting import differencing, kept_of_solve, note_callback
-from hhtbench.errors import NonFiniteValue, ProblemError
+from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering.dynamics.declared import expect_parts, mass_as_matrix, mass_kind, rows_of, wrong_shape
 from hhtbench.lowering.dynamics.differences import (
     EPS,
     MIXED_STEP,
     derivative,
     derivative_along,
+    least_size,
     product,
     second_derivative,
     second_derivative_along,
 )
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, unless_given
-from hhtbench.protocol import SIGNATURES, NumpySystem, checked_patterns, declared, full_pattern, signature_of
-
-ROWS = {
-    "force": "one entry per coordinate",
-    "mass_matrix": "(coordinates, coordinates), or (coordinates,) for a diagonal one",
-    "constraint_jacobian": "(constraints, coordinates); row i is the derivative of constraint i",
-    "velocity_constraint_jacobian": "(velocity constraints, coordinates); row i is the derivative of constraint i by v",
-}
-
+from hhtbench.lowering.dynamics.mass import inverse_of
+from hhtbench.lowering.dynamics.reductions import generalised
+from hhtbench.protocol import (
+    SIGNATURES,
+    NumpySystem,
+    checked_patterns,
+    declared,
+    full_pattern,
+    reaction_takes_velocity,
+    signature_of,
+)
 
 MOST_BYTES = 2**20  # of Jacobians that one solve keeps: those of the ends of steps serve their rows
 FEWEST_PLACES = 6  # the start of a step, its stage and its end, each by either order
@@ -232,16 +236,45 @@ def checked_result(function: str, value: Any, expected: tuple[int, ...], t: floa
     return array
 
 
-def wrong_shape(function: str, expected: tuple[int, ...] | str, given: Any) -> ProblemError:
-    """The error for a result of the wrong shape."""
-    hint = f" = {ROWS[function]}" if function in ROWS else ""
-    return ProblemError(f"{function} must return shape {expected}{hint}; got {given}. Nothing is broadcast.")
+def structure_of(system: NumpySystem, t: float, q: Vector, v: Vector) -> Structure:
+    """Of a system whose functions are called once at the place, to count its constraints."""
+
+    def result(name: str) -> np.ndarray:
+        copies = [np.array({"q": q, "v": v}[symbol], dtype=np.float64) for symbol in SIGNATURES[name].arguments[1:]]
+        for copy in copies:
+            copy.setflags(write=False)
+        return real_values(f"{name} result", getattr(system, name)(float(t), *copies))
+
+    m, p = rows_of(system, result)
+    linear = declared(system, "reaction") is None and declared(system, "velocity_reaction") is None
+    uses_v = reaction_takes_velocity(system)
+    return Structure(n=np.size(q), m=m, p=p, mass=mass_kind(system), linear_reaction=linear, reaction_uses_v=uses_v)
 
 
-def expect_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
-    """``value``, raising unless it holds as many matrices as ``shapes``."""
-    if not isinstance(value, (tuple, list)) or len(value) != len(shapes):
-        many, got = {2: "two", 3: "three"}[len(shapes)], type(value).__name__
-        got += f" of {len(value)}" if isinstance(value, (tuple, list)) else ""
-        raise TypeError(f"{function} must return {many} matrices of shapes {shapes}; got {got}.")
-    return value
+def derive_numpy(
+    system: NumpySystem,
+    structure: Structure,
+    t: float,
+    q: Vector,
+    v: Vector,
+    ignored: tuple[str, ...],
+    without: tuple[str, ...],
+) -> NumpyDynamics:
+    """The functions of ``system`` as :func:`~.derive.derive` gives them."""
+    mass = declared(system, "mass_matrix") if structure.mass == "constant" else None
+    constant = mass_as_matrix(mass, structure.n, np)
+    found = NumpyDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, np))
+    return replace(found, least=least_size(_differenced(found, t, v), q))
+
+
+def _differenced(dynamics: NumpyDynamics, t: float, v: Vector) -> Iterator[Callable[[Vector], Any]]:
+    """Declared functions of q whose derivatives are not declared."""
+    gives = dynamics.gives
+    if not gives("force_jacobians"):
+        yield lambda q: dynamics.force(t, q, v)
+    if gives("constraint") and not (gives("constraint_jacobian") and gives("constraint_acceleration")):
+        yield lambda q: dynamics.constraint(t, q)
+    if gives("velocity_constraint"):  # nothing declares its derivative by q
+        yield lambda q: dynamics.velocity_constraint(t, q, v)
+    if gives("mass_matrix"):
+        yield lambda q: dynamics.mass(t, q).ravel()

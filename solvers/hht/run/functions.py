@@ -18,7 +18,8 @@ from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.dynamics import innermost
 from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
 from hhtbench.lowering.dynamics.foreign_products import ForeignProducts, foreign_products
-from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree
+from hhtbench.lowering.dynamics.products import matrix_free
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST
