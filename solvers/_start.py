@@ -32,12 +32,12 @@ from hhtbench.lowering.dynamics.regular import with_full_matrices
 from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Status
-from solvers._declared import EQUATIONS, check_sparsity, wrong_derivatives
 from solvers._finite import expect_finite
 
 if TYPE_CHECKING:
     from solvers.kernel.level import CompiledLevel
 
+EQUATIONS = tuple(name for name in DERIVATIVES if name != "force_jacobians")  # derivatives that enter the equations
 CORRECT = "correct q0, v0 or pass calc_initcond=True to solve or init_step (hhtbench solve: --calc-initcond)"
 INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
 
@@ -167,11 +167,14 @@ def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str,
         dynamics: Dynamics = derive(system, place.t, place.q, place.v, without=without)
         if infinite := infinite_entry(dynamics.constant_mass):
             raise NonFiniteValue("mass_matrix", *infinite, place.t)
-        check_sparsity(dynamics, place.t, place.q, place.v)
+        if declared(system, "sparsity") is not None:
+            from solvers._declared import check_sparsity  # most systems declare nothing to be compared
+
+            check_sparsity(dynamics, place.t, place.q, place.v)
         dynamics = _with_mass_by_entries(dynamics, place)
         if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
             return usable(dynamics, place)
-        wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
+        wrong = _wrong_derivatives(dynamics, place)
         if wrong:
             warnings.warn(
                 f"the declared {', '.join(wrong)} disagrees with the derivative of what is declared and is not used; "
@@ -181,6 +184,15 @@ def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str,
             )
             dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong), without=without)
         return usable(dynamics, place)
+
+
+def _wrong_derivatives(dynamics: Dynamics, place: Place) -> list[str]:
+    compared = of_dynamics(dynamics).compared
+    if not compared:
+        return []
+    from solvers._declared import wrong_derivatives  # likewise
+
+    return wrong_derivatives(dynamics, compared, place.t, place.q, place.v)
 
 
 def usable(dynamics: Dynamics, place: Place) -> Dynamics:

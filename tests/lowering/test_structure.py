@@ -8,7 +8,7 @@ import pytest
 
 from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import REDUCTIONS, derive
-from hhtbench.lowering.dynamics.derive import used_arguments
+from hhtbench.lowering.dynamics.derive_jax import used_arguments
 from hhtbench.protocol import NumpySystem, System
 from tests.lowering.systems import RICH_NUMPY, MasslessWheel, Pendulum, Rich, Springs
 

@@ -11,7 +11,6 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.lowering.caching import Cache, by_id, same
 from hhtbench.lowering.dynamics.declared import expect_physics
-from hhtbench.lowering.dynamics.differences import uncommon_decade
 from hhtbench.lowering.dynamics.names import expect_names
 from hhtbench.protocol import NumpySystem, System
 
@@ -71,6 +70,7 @@ def _of_jax(system: System, t: float, q: Vector, v: Vector, *how: tuple[str, ...
 
 def _of_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, *how: tuple[str, ...]) -> NumpyDynamics:
     from hhtbench.lowering.dynamics import numpy_dynamics  # what JAX traces does without it
+    from hhtbench.lowering.dynamics.differences import uncommon_decade
 
     expect_physics(system)
     structure = numpy_dynamics.structure_of(system, t, q, v)

@@ -16,7 +16,6 @@ from hhtbench.lowering.caching import Cache, kept_on_disk
 from hhtbench.lowering.flattening import Flat, Tree, flat_function, jitted
 from hhtbench.lowering.scalar_compiler.dependencies import needed, pattern
 from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
-from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
 from hhtbench.lowering.scalar_compiler.store import CALLS, CODES, ZERO, Ids, NotNative, TooLarge
@@ -170,9 +169,13 @@ def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     constants[known] = graph.column("values")[graph.column("x")[lowered.outputs[known]]]
     varying = np.flatnonzero(~known)
     outputs = lowered.outputs[varying] if compact else lowered.outputs
-    what = graph, outputs, lowered.arguments
     counts = needed(graph, outputs)
-    emitted = emit(*what) if np.count_nonzero(counts) <= IN_LOOPS else emit_loops(*what, counts, MOST_OPERATIONS)
+    if np.count_nonzero(counts) <= IN_LOOPS:
+        emitted = emit(graph, outputs, lowered.arguments)
+    else:
+        from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops  # of large systems alone
+
+        emitted = emit_loops(graph, outputs, lowered.arguments, counts, MOST_OPERATIONS)
     if emitted.operations > MOST_OPERATIONS:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     content = "\0".join((str(FORMAT), host(), emitted.text, emitted.helpers))
