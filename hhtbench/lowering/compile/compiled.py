@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.counting import preparing
-from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import use_disk_cache
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, Route, explain_control_flow, too_large
 from hhtbench.lowering.flattening import flat_function, jitted
@@ -31,7 +30,7 @@ def _nothing(*_: Any) -> None:
 class Compiled:
     """A function of one JAX dynamics, compiled for argument shapes as they come."""
 
-    def __init__(self, function: Callable[..., Any], dynamics: Dynamics, static: tuple[Any, ...], route: str) -> None:
+    def __init__(self, function: Callable[..., Any], dynamics: Dynamics, static: tuple[Any, ...], route: str | None) -> None:
         self.dynamics = dynamics
         self.routes: dict[Shapes, Route] = {}  #: taken so far, by the shapes of the arguments
         self._native, self._route = partial(native, function, dynamics, *static), route
@@ -63,13 +62,11 @@ class Compiled:
 
     def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None]:
         """Machine code where that pays and is known how, else nothing for XLA; the reason is recorded."""
-        name, reason = self._flat.name, too_large(self.dynamics) if self._route == "auto" else None
+        name, reason = self._flat.name, too_large(self.dynamics)
         if reason is None:
             try:
                 code = self._native(shapes=shapes)
             except NotNative as error:
-                if self._route == "native":
-                    raise ProblemError(f"{name} cannot take the native route: {error.reason}.") from None
                 reason = error.reason
             else:
                 self.routes[shapes] = Route(name, "native", SMALL, code.operations)

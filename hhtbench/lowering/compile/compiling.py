@@ -7,7 +7,6 @@ systems of one class, sizes and static options, whatever their parameter values,
 
 from __future__ import annotations
 
-import os
 import sysconfig
 import traceback
 from collections.abc import Callable
@@ -25,8 +24,6 @@ from hhtbench.lowering.caching import Cache, by_id
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.dynamics import Dynamics
 
-ROUTES = ("auto", "native", "xla")
-VARIABLE = "HHTBENCH_ROUTE"  #: of the environment: the route where none is asked for
 MOST_UNKNOWNS = 80  # n + m + p: above it XLA compiles sooner, and sparse matrices take over anyway
 TRACED_AS_VALUE = (
     jax.errors.ConcretizationTypeError,  # if, while, and, or, float()
@@ -77,23 +74,19 @@ def compile_function(
     static
         Hashable options; a new value compiles anew.
     route
-        "auto" (default; the environment's ``HHTBENCH_ROUTE`` changes it), "native" or "xla", of a JAX dynamics.
+        "xla" for no machine code of a JAX dynamics.
 
     Raises
     ------
     ProblemError
-        There is no such route; or, at a call, "native" was asked for and does not know how, or Python control flow looks
-        at a value that JAX traces: the text says why.
+        At a call: Python control flow looks at a value that JAX traces; the text says where.
     """
-    source, wanted = (VARIABLE, os.environ.get(VARIABLE) or "auto") if route is None else ("route", route)
-    if wanted not in ROUTES:
-        raise ProblemError(f"{source} must be one of {', '.join(ROUTES)}; got {wanted!r}.")
     if route_of(dynamics) == "numpy":
         return partial(function, dynamics, *static)
     from hhtbench.lowering.compile.compiled import Compiled  # plain callables do without the compilers
 
-    key = (function, by_id(dynamics), static, wanted)
-    compiled: Compiled = _callables.find(key, lambda: Compiled(function, dynamics, static, wanted))
+    key = (function, by_id(dynamics), static, route)
+    compiled: Compiled = _callables.find(key, lambda: Compiled(function, dynamics, static, route))
     return compiled.call
 
 

@@ -42,7 +42,7 @@ def rows_of(system: Any, result: Callable[[str], Any]) -> list[int]:
 
 
 def mass_kind(system: System | NumpySystem) -> str:
-    """ "identity", "constant" or, of a function, "variable"."""
+    """Of :class:`~.dynamics.Structure`: identity, constant, or variable where it is a function."""
     mass = declared(system, "mass_matrix")
     if mass is None:
         return "identity"

@@ -52,29 +52,26 @@ def derive(
     """
     expect_names(type(system))  # type: ignore[arg-type] # classes are hashable
     if issubclass(type(system), System):  # of an object equinox would be asked for its class
-        return _of_jax(system, t, q, v, ignored, without)  # type: ignore[arg-type] # it is one
+        key = by_id(system), parameters_of(system), np.shape(q), ignored, without
+        found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored, without))
+        return found
     if isinstance(system, NumpySystem):
         return _of_numpy(system, t, q, v, ignored, without)
     raise TypeError(f"expected a System or a NumpySystem; got {type(system).__name__}.")
 
 
-def _of_jax(system: System, t: float, q: Vector, v: Vector, *how: tuple[str, ...]) -> JaxDynamics:
-    def make() -> JaxDynamics:
-        from hhtbench.lowering.dynamics.derive_jax import derive_jax  # plain callables do without it
+def _derive_jax(*of: Any) -> JaxDynamics:
+    from hhtbench.lowering.dynamics.derive_jax import derive_jax  # plain callables do without it
 
-        return derive_jax(system, t, q, v, *how)
-
-    found: JaxDynamics = _derived.find((by_id(system), parameters_of(system), np.shape(q), *how), make)
-    return found
+    return derive_jax(*of)
 
 
 def _of_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, *how: tuple[str, ...]) -> NumpyDynamics:
-    from hhtbench.lowering.dynamics import numpy_dynamics  # what JAX traces does without it
-    from hhtbench.lowering.dynamics.differences import uncommon_decade
+    from hhtbench.lowering.dynamics import differences, numpy_dynamics  # what JAX traces does without them
 
     expect_physics(system)
     structure = numpy_dynamics.structure_of(system, t, q, v)
-    key = by_id(system), parameters_of(system), structure, *how, uncommon_decade(q)
+    key = by_id(system), parameters_of(system), structure, *how, differences.uncommon_decade(q)
     found: NumpyDynamics = _derived.find(key, lambda: numpy_dynamics.derive_numpy(system, structure, t, q, v, *how))
     return found
 

@@ -101,8 +101,12 @@ class NumpyDynamics(Dynamics):
         return value.copy()
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
+        return self._by_differences(derivative, function, x, order, self.patterns.get(pattern))
+
+    def _by_differences(self, scheme: Callable[..., Any], *arguments: Any, **how: Any) -> Any:
+        """What a ``scheme`` of differences gives, its calls counted as those of the derivative that would save them."""
         with differencing(self.gives):
-            return derivative(function, x, order, self.patterns.get(pattern), least=self.least)
+            return scheme(*arguments, least=self.least, **how)
 
     @cached_property
     def patterns(self) -> dict[str, Any]:
@@ -116,8 +120,7 @@ class NumpyDynamics(Dynamics):
         return found
 
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
-        with differencing(self.gives):
-            return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v, least=self.least)
+        return self._by_differences(derivative_along, lambda e: function(t + e, q + e * v), float(t), q, v)
 
     def _kept(self, name: str, make: Callable[..., Any], t: Any, *place: Any) -> Any:
         """What ``make`` gives at a place, remembered of the last places of the solve."""
@@ -146,8 +149,7 @@ class NumpyDynamics(Dynamics):
         """g_t + g_q v (m,): without a declared Jacobian the product by differences along v, which takes four calls."""
         if self.gives("constraint_jacobian"):
             return super().constraint_velocity(t, q, v)
-        with differencing(self.gives):
-            along = product(lambda x: self.constraint(t, x), q, v, least=self.least)
+        along = self._by_differences(product, lambda x: self.constraint(t, x), q, v)
         return along + self.constraint_time_derivative(t, q) if self.structure.rheonomic else along
 
     @unless_given
@@ -159,17 +161,15 @@ class NumpyDynamics(Dynamics):
         def velocity(x: Any) -> Any:
             return derivative_along(lambda e: self.constraint(t + e, x + e * v), float(t), q, v, 2, least=self.least)
 
-        with differencing(self.gives):
-            pattern = self.patterns.get("constraint_jacobian")
-            return derivative(velocity, q, 2, pattern, least=self.least, step=MIXED_STEP)
+        return self._by_differences(derivative, velocity, q, 2, self.patterns.get("constraint_jacobian"), step=MIXED_STEP)
 
     @unless_given
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """g_tt + 2 g_tq v + g_qq(v, v) (m,): without a declared Jacobian the second difference of g, not one of one."""
         if self.gives("constraint_jacobian"):
             return super().constraint_acceleration(t, q, v)
-        with differencing(self.gives):
-            return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v, least=self.least)
+        curve = lambda e: self.constraint(t + e, q + e * v)  # noqa: E731
+        return self._by_differences(second_derivative_along, curve, float(t), q, v)
 
     def constraint_rows(self, t: Any, q: Any) -> Any:
         """g_q (m, n), without a declared Jacobian with an error of 4e-11, by half the calls."""
@@ -182,9 +182,8 @@ class NumpyDynamics(Dynamics):
         """Q_q (n, n), Q_v, None where it is zero, and Q_lam (n, m), without a declared Jacobian by second differences."""
         if any(map(self.gives, ("reaction", "reaction_jacobians", "constraint_jacobian"))):
             return super().reaction_jacobians(t, q, v, lam)
-        with differencing(self.gives):
-            pattern = self.patterns.get("constraint_jacobian")
-            by_q = -second_derivative(lambda x: self.constraint(t, x), q, lam, pattern, least=self.least)
+        pattern = self.patterns.get("constraint_jacobian")
+        by_q = -self._by_differences(second_derivative, lambda x: self.constraint(t, x), q, lam, pattern)
         return by_q, None, self.reaction_columns(t, q, v, lam)
 
     def velocity_constraint_rows(self, t: Any, q: Any, v: Any) -> Any:
@@ -202,9 +201,8 @@ class NumpyDynamics(Dynamics):
         """Q_k by v (n, n) and by mu (n, p), like :meth:`reaction_jacobians`."""
         if self.gives("velocity_reaction") or self.gives("velocity_constraint_jacobian"):
             return super().velocity_reaction_jacobians(t, q, v, mu)
-        with differencing(self.gives):
-            pattern = self.patterns.get("velocity_constraint_jacobian")
-            by_v = -second_derivative(lambda x: self.velocity_constraint(t, q, x), v, mu, pattern, least=self.least)
+        pattern = self.patterns.get("velocity_constraint_jacobian")
+        by_v = -self._by_differences(second_derivative, lambda x: self.velocity_constraint(t, q, x), v, mu, pattern)
         return by_v, -self.velocity_constraint_rows(t, q, v).T
 
 

@@ -105,10 +105,14 @@ def places_of(function: Callable[..., Any], tree: Any, *static: Any, shapes: Sha
     NotNative
         The same.
     """
-    flat = flat_function(function, tree, *static)
+    return np.flatnonzero(_lowered(flat_function(function, tree, *static), shapes).outputs != ZERO)
+
+
+def _lowered(flat: Flat, shapes: Shapes, *, free: bool = False) -> Lowered:
+    """The graph, its parameters folded where they are 0, 1 or -1, or all of them ``free``."""
+    folded = np.zeros(flat.parameters.size, dtype=np.int8) if free else pattern_of(np.asarray(flat.parameters))
     with _uncollected():
-        lowered = lower(flat.name, jitted(flat), pattern_of(np.asarray(flat.parameters)), shapes, MOST_OPERATIONS)
-    return np.flatnonzero(lowered.outputs != ZERO)
+        return lower(flat.name, jitted(flat), folded, shapes, MOST_OPERATIONS)
 
 
 def count_operations(function: Callable[..., Any], tree: Any, *static: Any, shapes: Shapes) -> int:
@@ -121,9 +125,7 @@ def count_operations(function: Callable[..., Any], tree: Any, *static: Any, shap
     NotNative
         The same; or it solves a banded system, or calls a function in Python.
     """
-    flat = flat_function(function, tree, *static)
-    with _uncollected():
-        lowered = lower(flat.name, jitted(flat), pattern_of(np.asarray(flat.parameters)), shapes, MOST_OPERATIONS)
+    lowered = _lowered(flat_function(function, tree, *static), shapes)
     graph, live = lowered.graph, np.flatnonzero(needed(lowered.graph, lowered.outputs))
     codes = graph.column("code")[live]
     if np.isin(codes, [CODES["banded"], CODES["foreign"]]).any():
@@ -145,8 +147,7 @@ def pattern_along(flat: Flat, shapes: Shapes) -> tuple[tuple[int, int], Ids, Ids
     NotNative
         The same.
     """
-    with _uncollected():
-        lowered = lower(flat.name, jitted(flat), np.zeros(flat.parameters.size, dtype=np.int8), shapes, MOST_OPERATIONS)
+    lowered = _lowered(flat, shapes, free=True)
     return (lowered.outputs.size, shapes[0][0]), *pattern(lowered.graph, lowered.outputs, 0)
 
 
