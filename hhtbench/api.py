@@ -8,9 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.accuracy import solve_to
-from hhtbench.checks.drift import measure_drift
-from hhtbench.checks.result.judge import judge
 from hhtbench.checks.result.success import check_success
 from hhtbench.counting import Clock, handed_over
 from hhtbench.errors import BudgetSpent
@@ -82,6 +79,8 @@ def solve(
     with handed_over(clock):
         try:
             if accuracy is not None:
+                from hhtbench.accuracy import solve_to  # few solves need it: its checks are another thousand lines
+
                 found = solve_to(loaded, chosen, accuracy, asked, partial(_once, loaded, chosen, clock=clock))
             else:
                 found = _once(loaded, chosen, asked, clock)
@@ -105,8 +104,22 @@ def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> S
         raise
     if not isinstance(found, Solution):
         return _nothing(problem, Status.unreliable, doubt)
-    tools = {"judge_of": partial(judge, problem, request), "drift_of": partial(measure_drift, problem)}
+    tools = {"judge_of": partial(_judged, problem, request), "drift_of": partial(_drifted, problem)}
     return found.but(status=Status.unreliable, message=doubt, **tools) if doubt else found.but(**tools)
+
+
+def _judged(problem: Problem, request: Request, solution: Solution, **options: Any) -> Any:
+    """What ``solution.verify()`` asks for; imported when it does."""
+    from hhtbench.checks.result.judge import judge
+
+    return judge(problem, request, solution, **options)
+
+
+def _drifted(problem: Problem, solution: Solution) -> Any:
+    """What ``solution.drift()`` asks for, likewise."""
+    from hhtbench.checks.drift import measure_drift
+
+    return measure_drift(problem, solution)
 
 
 def _nothing(problem: Problem, status: Status, message: str) -> Solution:

@@ -18,7 +18,8 @@ from hhtbench.lowering import (
     singular_at,
     too_large,
 )
-from hhtbench.lowering.dynamics.jax_dynamics import SMALL, large, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import SMALL
+from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.protocol import DECLARABLE, PHYSICS, NumpySystem, Problem, System, declared
 
 WIDTHS = [None, 32, 52, 52]  # characters a column of the table

@@ -7,7 +7,6 @@ on where it is not linear, until two neighbouring floating-point times are left;
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,15 +19,9 @@ from hhtbench.lowering import (
     AccelerationLevel,
     ConstraintLevels,
     Dynamics,
-    NotNative,
-    at_rows,
     derive,
-    native,
     reduce_redundant,
-    route_of,
-    too_large,
 )
-from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.protocol import Problem
 
 SAMPLES = 400  # equal parts of the interval that are searched
@@ -143,7 +136,7 @@ class _Search:
         declares = ("constraint_time_derivative", "constraint_acceleration")
         self._by_slope = dynamics.xp is np and s.m > 0 and not all(map(dynamics.gives, declares))
         self._shortest = 4.0 * DIFFERENCES if self._by_slope else 0.0
-        self._rows = levels_at_rows(dynamics)
+        self._rows = ConstraintLevels(dynamics).at_rows()
         beside = [
             np.cos(np.arange(s.n) + phase) * size for phase, size in ((1.0, problem.scales.q), (2.0, problem.scales.v))
         ]
@@ -236,16 +229,6 @@ class _Search:
                 merged.append([low, high])
         before, after = np.array(merged).reshape(-1, 2).T
         return before, after
-
-
-def levels_at_rows(dynamics: Dynamics) -> Callable[[Any, Any, Any], Matrix] | None:
-    """Machine code of ``level_terms`` at many rows t (k,), q and v (k, n) in one call; None where there is none."""
-    if route_of(dynamics) == "numpy" or too_large(dynamics) is not None:
-        return None
-    n = dynamics.structure.n
-    with suppress(NotNative):
-        return at_rows(native(level_terms, dynamics, shapes=((), (n,), (n,))))
-    return None
 
 
 def _shortest(*sides: float) -> float:

@@ -9,18 +9,19 @@ from contextvars import ContextVar
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhtbench import plugins
 from hhtbench.errors import ProblemError
-from hhtbench.evidence import Evidence
-from hhtbench.filespec import load_attribute
 from hhtbench.packages import own_folder
 from hhtbench.protocol import Problem, Solver
 from hhtbench.specs import Spec, parse_spec
 
+if TYPE_CHECKING:
+    from hhtbench.evidence import Evidence
+
 Counted = Callable[[str, int, int], None]  #: what is counted, how many are done, how many there are
-Verification = Callable[[Counted | None, int], Evidence]  # (progress, jobs); rows do not depend on jobs
+Verification = Callable[[Counted | None, int], "Evidence"]  # (progress, jobs); rows do not depend on jobs
 
 _HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # by name, in this process
 
@@ -130,7 +131,7 @@ def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
     if twice:
         raise ProblemError(f"{', '.join(twice)} is given in the spec {spec} and again as a keyword; give it once.")
     arguments = {**spec.arguments, **further}
-    target = plugins.load(kind, spec.name) if spec.path is None else load_attribute(spec.path, spec.name)
+    target = plugins.load(kind, spec.name) if spec.path is None else _from_file(spec.path, spec.name)
     if isinstance(target, Problem) or _is_solver(target):
         _refuse_arguments(spec.target, arguments)
         return target
@@ -141,6 +142,12 @@ def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
     except TypeError:
         _check_arguments(spec.target, target, arguments)
         raise
+
+
+def _from_file(path: str, name: str) -> Any:
+    from hhtbench.filespec import load_attribute  # it knows worker processes, which registered names do not need
+
+    return load_attribute(path, name)
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[str, Any]) -> None:

@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.filled import Filled
-from hhtbench.plotting import plot_solution
-from hhtbench.saved import read_arrays, write_arrays
 
 ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
 OF_FUNCTIONS = ("interpolant", "projection", "drift_of", "judge_of", "diagnosis_of")  #: its fields that call functions
@@ -270,6 +268,8 @@ class Solution(Filled):
 
         Drift where the problem's functions are at hand: after ``hb.solve``, not after :meth:`load` or from a pickle.
         """
+        from hhtbench.plotting import plot_solution
+
         return plot_solution(self, None if self.drift_of is None else self.drift_of(self))
 
     def to_pandas(self) -> Any:
@@ -283,6 +283,8 @@ class Solution(Filled):
 
     def save(self, path: str | Path) -> Path:
         """Write all but functions (dense output, :meth:`drift`) to an ``.npz`` file of arrays and one text; its path."""
+        from hhtbench.saved import write_arrays
+
         return write_arrays(path, {name: getattr(self, name) for name in _KEPT})
 
     @classmethod
@@ -291,6 +293,8 @@ class Solution(Filled):
 
         Raises ``ProblemError`` where the file is none of these.
         """
+        from hhtbench.saved import read_arrays
+
         found = read_arrays(path, (Status, Counters, StepsData, Ends, ErrorEstimate, DenseOutput))
         rows = [found.get(name) for name in ("t", *ROWS)]
         shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]

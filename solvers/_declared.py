@@ -18,12 +18,11 @@ from hhtbench.lowering import Dynamics, compile_function, derive, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along
 from hhtbench.lowering.dynamics.dynamics import as_declared
-from hhtbench.protocol import DERIVATIVES, PATTERNS, checked_patterns, declared, full_pattern, signature_of
+from hhtbench.protocol import PATTERNS, checked_patterns, declared, full_pattern, signature_of
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED
 MISSED = 1e-4  # relative difference along a direction from which an entry is missing in a pattern
-EQUATIONS = tuple(name for name in DERIVATIVES if name != "force_jacobians")  # derivatives that enter the equations
 _compared = Cache(64)  # of JAX systems, whose functions do not change
 
 
@@ -34,8 +33,6 @@ def value_of(dynamics: Dynamics, name: str, *arguments: Any) -> Any:
 
 def wrong_derivatives(dynamics: Dynamics, names: tuple[str, ...], t: float, q: Vector, v: Vector) -> list[str]:
     """Those of ``names``, declared derivatives that enter the equations, that disagree with the derived ones."""
-    if not names:
-        return []
     derived = derive(dynamics.system, t, q, v, ignored=names)
     points = list(_points(t, q, v, derived.least))
     return [name for name in names if not all(_agrees(name, dynamics, derived, *at) for at in points)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,10 +13,12 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, padded
 from hhtbench.result import DenseOutput
-from solvers._projection import Unmet, sizes_from
 from solvers.forms.form import Form
 
-Put = Callable[[Vector, Matrix, Matrix, Vector], Unmet | str]  # times, q and v (k, n) to be moved, sizes (2n,) -> remarks
+if TYPE_CHECKING:
+    from solvers._projection import Unmet
+
+Put = Callable[[Vector, Matrix, Matrix, Vector], "Unmet | str"]  # times, q and v (k, n) to be moved, sizes (2n,) -> remarks
 
 
 INTEGRALS = ("Lam", "Mu")  # unknowns whose rates are the multipliers
@@ -98,6 +100,8 @@ class OnConstraints:
             ends = np.flatnonzero(np.isin(times, steps.t))
             own = steps(times[ends])
             which[ends] = (own.q != q[ends]).any(axis=1) | (own.v != v[ends]).any(axis=1)
+        from solvers._projection import sizes_from  # few ask for it
+
         moved = q[which], v[which]
         if text := str(self._put(times[which], *moved, sizes_from(steps.q, steps.v))):
             warnings.warn(text, UserWarning, stacklevel=3)

@@ -14,9 +14,6 @@ from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
-from solvers.kernel import acceleration
-from solvers.kernel.blocks import FEW, in_blocks
-from solvers.kernel.kkt import kkt_of
 
 EPS = float(np.finfo(np.float64).eps)
 BLOCK = 256  # rows of the first call of machine code
@@ -126,8 +123,14 @@ def _by_machine_code(run: Solving, rows: Rows, own: OwnMultipliers) -> Any:
     """Which rows (k,) have multipliers in ``own``: by code of full matrices or, where many rows pay for it, of entries."""
     (times, q, v), lam, mu, dynamics = rows, own.lam, own.mu, run.dynamics
     done = np.zeros(times.size, dtype=bool)
+    if route_of(dynamics) == "numpy":
+        return done
+    from solvers.kernel import acceleration  # plain callables do without the loops
+    from solvers.kernel.blocks import FEW, in_blocks
+    from solvers.kernel.kkt import kkt_of
+
     level = of_dynamics(dynamics).compiled
-    entries = kkt_of(dynamics) if level is None and times.size >= FEW and route_of(dynamics) != "numpy" else None
+    entries = kkt_of(dynamics) if level is None and times.size >= FEW else None
     if level is None and entries is None:
         return done
     recover = level.recover if level else acceleration.recover.following(entries.memory(dynamics))  # type: ignore[union-attr]

@@ -10,8 +10,7 @@ from scipy.sparse import csr_array
 
 from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.compile.inverse import inverse
-from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large
+from hhtbench.lowering.dynamics.products import large
 
 
 def as_arguments(dynamics: Dynamics, *values: Any) -> list[Any]:
@@ -23,6 +22,8 @@ def inverse_mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
     """M^-1 (n, n) at (t, q); not finite where M is singular."""
     mass = dynamics.mass(t, q)
     if dynamics.xp is not np:
+        from hhtbench.lowering.compile.inverse import inverse  # an operation of code, which plain callables have none of
+
         return inverse(mass)
     try:
         return np.linalg.inv(mass)
@@ -41,7 +42,7 @@ def expect_finite(function: str, value: Any, t: float) -> None:
 SQUARED = math.sqrt(float(np.finfo(np.float64).max))  # the square of more is not finite
 
 
-def explain_nonfinite(d: Dynamics, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
+def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
     """Find the function of the dynamics ``d`` that is not finite at (t, q, v) and raise :class:`NonFiniteValue` naming it.
 
     Runs only after a failure; where every function is finite one by one, it raises for ``otherwise``.
@@ -51,7 +52,7 @@ def explain_nonfinite(d: Dynamics, t: Any, q: Any, v: Any, otherwise: str = "the
     s = d.structure
     t, q, v = as_arguments(d, t, q, v)
     suspects = {"force": lambda: d.force(t, q, v)}
-    if isinstance(d, VariableMass):
+    if d.wraps and d.entries is not None:
         suspects["mass_matrix"] = lambda: d.inner.mass(t, q)
     if s.mass != "identity" and full:
         suspects["mass_matrix"] = lambda: d.mass(t, q)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.sparse import issparse
@@ -15,7 +15,6 @@ from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import NumpySystem, System
 from hhtbench.result import Status
 from solvers._finite import explain_nonfinite
-from solvers._projection import MOST_ITERATIONS, PROJECTED, Projection
 from solvers._start import (
     CORRECT,
     Failure,
@@ -28,6 +27,9 @@ from solvers._start import (
     singular_mass,
     violations,
 )
+
+if TYPE_CHECKING:
+    from solvers._projection import Projection
 
 NEARLY = 1e-7  # of unit rows: a KKT matrix tells such rows apart by the square of it, which is about roundoff
 AT_REST = 1e-15  # of v0: constraints that leave no more of a velocity leave none
@@ -100,6 +102,8 @@ def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] |
     NonFiniteValue
         A constraint or its Jacobian holds NaN or infinity at the start itself; on the way that is a failure to arrive.
     """
+    from solvers._projection import Projection  # most starts are consistent
+
     projection = Projection(dynamics)
     finite_levels(projection.levels, place.t, place.q, place.v)
     for _ in range(2):  # one value that is not finite is not the cause
@@ -112,6 +116,8 @@ def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] |
 
 
 def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Failure:
+    from solvers._projection import MOST_ITERATIONS, PROJECTED
+
     t, levels = place.t, projection.levels
     q = projection.position(t, place.q, place.v)
     at = finite_levels(levels, t, q, place.v)

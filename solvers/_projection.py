@@ -17,8 +17,8 @@ from scipy import linalg
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics, compile_function, mass_at
-from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large
 from hhtbench.lowering.dynamics.kkt import solve_scaled_sparse
+from hhtbench.lowering.dynamics.products import large
 from solvers._finite import expect_finite
 from solvers._start import finite_levels, of_dynamics
 
@@ -73,7 +73,7 @@ class Projection:
         """M (n, n), sparse for large systems."""
         if self._mass is None:
             products: Any = self._products
-            return (products.mass_at(t, q) if isinstance(products, VariableMass) else products.mass(t, q)).entries()
+            return products.mass_at(t, q).entries()
         mass = np.asarray(self._mass(t, q))
         expect_finite("mass_matrix", mass, t)
         return mass

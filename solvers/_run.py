@@ -22,7 +22,6 @@ from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecov
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
 from solvers._initcond import begun
-from solvers._projection import OneByOne
 from solvers._start import Failure, Place, absolute_tolerances, budget_failure, of_dynamics, tried_twice
 
 __all__ = ["Halt", "Run"]
@@ -73,6 +72,8 @@ class Run:
         end = Failure(end.status, f"{end.message} {self.note}".strip())
         more: dict[str, Any] = {"ends": self._kept_ends(), "carried": self._rows.carried(self.dynamics)}
         if self.pieces is not None and self.steps:
+            from solvers._projection import OneByOne  # runs without dense output do without it
+
             put = OneByOne(self.dynamics).put_all
             more["projection"] = OnConstraints(self.dynamics, put, self.pieces, held=False)
             more["interpolant"] = self.pieces

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import threading
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from hhtbench.lowering import (
     ConstraintLevels,
     Dynamics,
     Levels,
-    NotNative,
     augment,
     derive,
     reduce_redundant,
@@ -28,20 +26,18 @@ from hhtbench.lowering import (
 )
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import too_large
-from hhtbench.lowering.dynamics.jax_dynamics import VariableMass, large, matrix_free
-from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.lowering.dynamics.mass import infinite_entry
+from hhtbench.lowering.dynamics.mass import infinite_entry, plain_mass
+from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.lowering.dynamics.regular import with_full_matrices
 from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.request import Request
 from hhtbench.result import Status
-from solvers._declared import EQUATIONS, check_sparsity, wrong_derivatives
 from solvers._finite import expect_finite
-from solvers.kernel import acceleration
-from solvers.kernel import memory as mem
-from solvers.kernel.kkt import GOOD_START, of_full_matrices, plain_mass
-from solvers.kernel.memory import copied, view
 
+if TYPE_CHECKING:
+    from solvers.kernel.level import CompiledLevel
+
+EQUATIONS = tuple(name for name in DERIVATIVES if name != "force_jacobians")  # derivatives that enter the equations
 CORRECT = "correct q0, v0 or pass calc_initcond=True to solve or init_step (hhtbench solve: --calc-initcond)"
 INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
 
@@ -108,40 +104,6 @@ def absolute_tolerances(problem: Problem, request: Request) -> Vector:
     return np.resize(np.asarray(atol, dtype=np.float64), 2 * n)
 
 
-class CompiledLevel:
-    """The acceleration level of starts and rows by machine code of full matrices.
-
-    In Python one row takes as long as ten rows here.
-
-    Raises
-    ------
-    NotNative
-        The functions of the system cannot be machine code.
-    """
-
-    def __init__(self, dynamics: Dynamics) -> None:
-        places = of_full_matrices(dynamics)
-        self._codes, z = places.codes, places.memory
-        view(z, mem.START_BOUNDS)[:] = GOOD_START
-        self._place, self._lam, self._mu, self._vdot = (view(z, name) for name in (mem.PLACE, mem.LAM, mem.MU, mem.VDOT))
-        self._start, self._lock = acceleration.start.following(z), threading.Lock()
-        #: (rows [t, q, v, lam, mu], done): fills multipliers and marks rows; of many threads at once
-        self.recover = acceleration.recover.following(copied(z))
-
-    def at(self, place: Place, guesses: Guesses) -> Acceleration | None:
-        """Of the start at ``place``; None where it is not plainly good, or a guess is of another system."""
-        n = place.q.size
-        with self._lock:
-            for section, guess in zip((self._lam, self._mu), guesses, strict=True):
-                if guess is not None and guess.shape != section.shape:
-                    return None
-                section[:] = 0.0 if guess is None else guess
-            self._place[0], self._place[1 : 1 + n], self._place[1 + n :] = place.t, place.q, place.v
-            if not self._start():
-                return None
-            return Acceleration(self._vdot.copy(), self._lam.copy(), self._mu.copy(), converged=True, singular=False)
-
-
 class OfDynamics:
     """What depends on a dynamics only; looking it up takes as long as computing with it."""
 
@@ -169,10 +131,9 @@ class OfDynamics:
         dynamics = self._dynamics
         if route_of(dynamics) == "numpy" or not dynamics.matrices or too_large(dynamics) is not None:
             return None
-        try:
-            return CompiledLevel(dynamics)
-        except NotNative:
-            return None
+        from solvers.kernel.level import compiled_level  # plain callables do without the loops
+
+        return compiled_level(dynamics)
 
     @cached_property
     def plain(self) -> bool:
@@ -206,11 +167,14 @@ def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str,
         dynamics: Dynamics = derive(system, place.t, place.q, place.v, without=without)
         if infinite := infinite_entry(dynamics.constant_mass):
             raise NonFiniteValue("mass_matrix", *infinite, place.t)
-        check_sparsity(dynamics, place.t, place.q, place.v)
+        if declared(system, "sparsity") is not None:
+            from solvers._declared import check_sparsity  # most systems declare nothing to be compared
+
+            check_sparsity(dynamics, place.t, place.q, place.v)
         dynamics = _with_mass_by_entries(dynamics, place)
         if of_dynamics(dynamics).large:  # its Jacobians are never full: none that is declared is called
             return usable(dynamics, place)
-        wrong = wrong_derivatives(dynamics, of_dynamics(dynamics).compared, place.t, place.q, place.v)
+        wrong = _wrong_derivatives(dynamics, place)
         if wrong:
             warnings.warn(
                 f"the declared {', '.join(wrong)} disagrees with the derivative of what is declared and is not used; "
@@ -220,6 +184,15 @@ def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str,
             )
             dynamics = derive(system, place.t, place.q, place.v, ignored=tuple(wrong), without=without)
         return usable(dynamics, place)
+
+
+def _wrong_derivatives(dynamics: Dynamics, place: Place) -> list[str]:
+    compared = of_dynamics(dynamics).compared
+    if not compared:
+        return []
+    from solvers._declared import wrong_derivatives  # likewise
+
+    return wrong_derivatives(dynamics, compared, place.t, place.q, place.v)
 
 
 def usable(dynamics: Dynamics, place: Place) -> Dynamics:
@@ -234,15 +207,15 @@ def usable(dynamics: Dynamics, place: Place) -> Dynamics:
 def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
     """``dynamics``, whose variable mass, if it is known by its entries, has an inverse by them; else by full matrices."""
     products = matrix_free(dynamics) if dynamics.structure.mass == "variable" else None
-    if not isinstance(products, VariableMass) or products.mass_at(place.t, place.q).inverse() is not None:
+    if products is None or products.entries is None or products.mass_at(place.t, place.q).inverse() is not None:
         return dynamics
     return with_full_matrices(dynamics)
 
 
 def singular_mass(dynamics: Dynamics, place: Place) -> bool:
     """Whether the mass is; one that is known by its entries has been looked at."""
-    by_entries = dynamics.structure.mass == "variable" and isinstance(matrix_free(dynamics), VariableMass)
-    return not by_entries and singular_at(dynamics, place.t, place.q)
+    products = matrix_free(dynamics) if dynamics.structure.mass == "variable" else None
+    return (products is None or products.entries is None) and singular_at(dynamics, place.t, place.q)
 
 
 def _independent(dynamics: Dynamics, place: Place) -> Dynamics:

@@ -19,7 +19,7 @@ import numpy as np
 
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import compile_function
-from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.request import Request
 from hhtbench.result import Counters, Status

@@ -12,11 +12,11 @@ import numpy as np
 
 from hhtbench.api import solve
 from hhtbench.checks.problem import check
-from hhtbench.evidence import Row
 from hhtbench.conformance.entry import Entry, Finding, Kind, Outcome, as_known, outcome_of
 from hhtbench.conformance.pairwise import FACTOR, assert_solvers_agree
 from hhtbench.conformance.registry import CLAIMS, FAMILIES, checks_of
 from hhtbench.conformance.subject import ACCURACY, ITERATIONS, Claims, Subject, expect
+from hhtbench.evidence import Row
 from hhtbench.protocol import Problem, Solver
 from hhtbench.registry import load_problem
 

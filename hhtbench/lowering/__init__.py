@@ -5,17 +5,22 @@ from Python.  Beside it HHT's loops take machine code by its address from ``nati
 :mod:`~hhtbench.lowering.compile.loops` makes and loads those loops themselves.
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from hhtbench.lowering.compile.compiling import compile_function, route_of, routes, too_large
 from hhtbench.lowering.dynamics.derive import derive
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
-from hhtbench.lowering.dynamics.operations import operations
 from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank, minimum_norm
 from hhtbench.lowering.dynamics.reductions import REDUCTIONS
 from hhtbench.lowering.dynamics.regular import augment, padded, reduce_redundant, redundant_rows, unreduced
-from hhtbench.lowering.scalar_compiler import Native, NotNative, at_rows, native
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.operations import operations
+    from hhtbench.lowering.scalar_compiler import Native, NotNative, native
 
 __all__ = [
     "CONSISTENT",
@@ -31,7 +36,6 @@ __all__ = [
     "NotNative",
     "Structure",
     "asymmetry",
-    "at_rows",
     "augment",
     "compile_function",
     "constraint_rank",
@@ -51,3 +55,15 @@ __all__ = [
     "too_large",
     "unreduced",
 ]
+
+_COMPILER = "hhtbench.lowering.scalar_compiler"
+_LATER = dict.fromkeys(("Native", "NotNative", "native"), _COMPILER) | {
+    "operations": "hhtbench.lowering.dynamics.operations"
+}  # which plain callables do without
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LATER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_LATER[name]), name)
+    return value

@@ -11,7 +11,7 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative, route_of
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.result import Status
 from solvers._run import Halt, Run
 from solvers._start import typical_sizes

@@ -17,10 +17,12 @@ from scipy.linalg.lapack import dgesv
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering import AccelerationLevel, Dynamics, route_of
+from hhtbench.lowering import AccelerationLevel, Dynamics, compile_function, route_of
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
-from solvers.forms.underlying import kkt_along
+from hhtbench.lowering.dynamics.products import matrix_free, paying_products
+from solvers.forms.layout import Functions
+from solvers.forms.underlying import kkt_along, rhs_jacobian_at, rhs_jacobian_function
 from solvers.kernel import memory as mem
 from solvers.kernel.acceleration import recover
 from solvers.kernel.kkt import Entries, kkt_of
@@ -30,6 +32,27 @@ FILLED = 100  # unknowns of (F9) up to which LAPACK solves for all columns of dy
 TOGETHER = 64  # right-hand sides solved at once: SuperLU passes over all of them again and again, and so they stay in cache
 
 Solve = Callable[[float, Vector, Vector], Vector]  # (t, q, v) -> [v'; lam; mu], not finite where (F9) is singular
+
+
+def eliminated_functions(dynamics: Dynamics) -> Functions:
+    """Right-hand side and Jacobian, where the reaction is nonlinear in lam by Newton's iteration on (F9)."""
+    eliminated, n = Eliminated(dynamics), dynamics.structure.n
+    jacobian: Callable[..., Any]
+    if dynamics.structure.linear_reaction:
+        products = paying_products(dynamics)
+        route = "xla" if products is None else None  # machine code of full matrices takes 9 s at 60 unknowns
+        jacobian = compile_function(rhs_jacobian_function, dynamics, route=route)
+    else:
+        products, full = matrix_free(dynamics), compile_function(rhs_jacobian_at, dynamics)
+        jacobian = lambda t, y: full(t, y, eliminated.solve(t, y[:n], y[n:]))  # noqa: E731
+    if products is None:
+        return Functions(eliminated.rhs, jacobian, outside=lambda differentiated: eliminated.native and not differentiated)
+    derivative = Differentiated(eliminated, products, jacobian)
+
+    def outside(differentiated: bool) -> bool:
+        return eliminated.native and (not differentiated or derivative.native)
+
+    return Functions(eliminated.rhs, derivative.rhs_jacobian, outside=outside)
 
 
 class Eliminated:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +14,11 @@ from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, Structure, route_of
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.compile.coloured import Pattern
 from solvers.forms.functions import dae_functions, ode_functions
 from solvers.forms.layout import RECIPES, SOURCES, Layout
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.compile.coloured import Pattern
 
 FORMS = tuple(RECIPES)
 MASKED = 1e8  # atol that takes an entry out of an error test: far above a multiplier times any rtol in use

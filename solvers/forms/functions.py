@@ -22,33 +22,25 @@ primitive.  The accelerations of larger constrained systems are solved with the 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhtbench.lowering import Dynamics, compile_function
-from hhtbench.lowering.compile.coloured import OftenCalled, Pattern
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, VariableMass, matrix_free
-from solvers.forms.eliminated import Differentiated, Eliminated
-from solvers.forms.layout import Layout, jacobian_function, residual_along, residual_function
-from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_at, rhs_jacobian_function
-from solvers.kernel.kkt import larger, products_of
+from hhtbench.lowering.dynamics.products import is_larger, paying_products
+from solvers.forms.layout import Functions, Layout, jacobian_function, residual_along, residual_function
+from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_function
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.compile.coloured import OftenCalled
+    from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 
 CROWDED = 0.3  # entries, as a part of the full matrix, from which a sparse factorisation takes longer than a full one
 
 
-class Functions(NamedTuple):
-    """Of one form."""
-
-    value: Callable[..., Any]  #: F(t, y, y') or y'(t, y), (size,)
-    jacobian: Callable[..., Any]  #: at (t, y, y', c) or (t, y): (size, size), or of a pattern the entries (entries,)
-    pattern: Pattern | None = None
-    outside: Callable[[bool], bool] | None = None  #: see :attr:`~solvers.forms.form.Form.outside`
-
-
 def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
     """Residual and Jacobian of a DAE form."""
-    products = products_of(dynamics)
+    products = paying_products(dynamics)
     if products is None:
         jacobian = compile_function(jacobian_function, dynamics, layout)
         return Functions(compile_function(residual_function, dynamics, layout), jacobian)
@@ -62,15 +54,16 @@ def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
 
 def ode_functions(dynamics: Dynamics) -> Functions:
     """Right-hand side and Jacobian of the underlying ODE."""
-    if not dynamics.structure.linear_reaction:
-        return _iterated(dynamics)
-    products = products_of(dynamics)
-    if isinstance(products, VariableMass) and not dynamics.structure.constrained:  # y' is divided by it, and differentiated
-        products = None
-    route = "xla" if larger(dynamics) and products is None else None  # machine code of full ones takes 9 s at 60 unknowns
+    s = dynamics.structure
+    if not s.linear_reaction or (is_larger(dynamics) and s.constrained):
+        from solvers.forms.eliminated import eliminated_functions  # with the compiled loops, which most systems do without
+
+        return eliminated_functions(dynamics)
+    products = paying_products(dynamics)
+    if products is not None and products.entries is not None and not s.constrained:
+        products = None  # y' is divided by such a mass, and differentiated
+    route = "xla" if is_larger(dynamics) and products is None else None  # machine code of full ones takes 9 s at 60 unknowns
     jacobian = compile_function(rhs_jacobian_function, dynamics, route=route)
-    if larger(dynamics) and dynamics.structure.constrained:
-        return _eliminated(Eliminated(dynamics), products, jacobian)
     if products is None:
         return Functions(compile_function(rhs_function, dynamics), jacobian)
     rhs, size = compile_function(rhs_function, products), 2 * dynamics.structure.n
@@ -81,33 +74,12 @@ def ode_functions(dynamics: Dynamics) -> Functions:
     return Functions(rhs, lambda t, y: packed(y, float(t))[size:], entries.pattern)
 
 
-def _iterated(dynamics: Dynamics) -> Functions:
-    """By Newton's iteration on (F9), which is nonlinear in the multipliers."""
-    eliminated, full, n = Eliminated(dynamics), compile_function(rhs_jacobian_at, dynamics), dynamics.structure.n
-
-    def jacobian(t: float, y: Any) -> Any:
-        return full(t, y, eliminated.solve(t, y[:n], y[n:]))
-
-    return _eliminated(eliminated, matrix_free(dynamics), jacobian)
-
-
-def _eliminated(eliminated: Eliminated, products: MatrixFree | None, jacobian: Callable[..., Any]) -> Functions:
-    if products is None:
-        return Functions(eliminated.rhs, jacobian, outside=lambda differentiated: eliminated.native and not differentiated)
-    derivative = Differentiated(eliminated, products, jacobian)
-
-    def outside(differentiated: bool) -> bool:
-        return eliminated.native and (not differentiated or derivative.native)
-
-    return Functions(eliminated.rhs, derivative.rhs_jacobian, outside=outside)
-
-
 def _sparse(
     function: Callable[..., Any], products: MatrixFree, *static: Any, example: tuple[Any, ...]
 ) -> OftenCalled | None:
     """``function`` with the entries of its derivative, or None where its pattern is crowded or cannot be read."""
     try:
-        found = OftenCalled(function, products, *static, example=example)
+        found = products.often_called(function, *static, example=example)
     except NotImplementedError:  # a primitive of which neither the graph nor asdex knows the sparsity
         return None
     return None if found.pattern.rows.size > CROWDED * example[0].size ** 2 else found

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hhtbench.lowering import Dynamics, Structure
 from solvers.forms.rows import ROWS, Blocks, Point
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.compile.coloured import Pattern
 
 
 class Source(NamedTuple):
@@ -95,6 +98,15 @@ class Layout:
             if source.rate is not None:
                 quantities[source.rate] = yp[place]
         return Point(dynamics=dynamics, t=t, **quantities)
+
+
+class Functions(NamedTuple):
+    """Of one form."""
+
+    value: Callable[..., Any]  #: F(t, y, y') or y'(t, y), (size,)
+    jacobian: Callable[..., Any]  #: at (t, y, y', c) or (t, y): (size, size), or of a pattern the entries (entries,)
+    pattern: Pattern | None = None
+    outside: Callable[[bool], bool] | None = None  #: see :attr:`~solvers.forms.form.Form.outside`
 
 
 def residual_function(dynamics: Dynamics, layout: Layout, t: Any, y: Any, yp: Any) -> Any:

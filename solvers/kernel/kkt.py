@@ -11,21 +11,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.arguments import Vector
-from hhtbench.lowering import CONSISTENT, Dynamics, Native, NotNative, native, route_of
+from hhtbench.lowering import CONSISTENT, Dynamics, Native, NotNative, native
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.compile.compiling import too_large
-from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, JaxDynamics, MatrixFree, matrix_free
-from hhtbench.lowering.dynamics.kkt import kkt_entries, kkt_residual, kkt_terms
+from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, kkt_entries
+from hhtbench.lowering.dynamics.kkt import kkt_residual, kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
-from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC, asymmetry
+from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
+from hhtbench.lowering.dynamics.products import paying_products
 from hhtbench.protocol import declared
 from solvers._finite import inverse_mass_at
 from solvers.kernel import memory as mem
 from solvers.kernel.linear.analysis import Analysis, address_of, chosen
 from solvers.kernel.memory import Memory, Sizes, allocate, integer_view
 
-FULL = 32  # unknowns n + m + p up to which formulas of full matrices are the fastest
 LARGEST_KKT = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
 _known = Cache(16)  # ordering a matrix takes a millisecond and more
 
@@ -65,7 +65,7 @@ def places_of(dynamics: Dynamics) -> Places:
     """
     if not dynamics.matrices or too_large(dynamics) is not None:
         return by_entries(dynamics)
-    if dynamics.structure.constrained and products_of(dynamics) is not None:
+    if dynamics.structure.constrained and paying_products(dynamics) is not None:
         with suppress(NotNative):
             return by_entries(dynamics)
     return of_full_matrices(dynamics)
@@ -98,7 +98,7 @@ def by_entries(dynamics: Dynamics) -> Places:
     NotNative
         The functions cannot be machine code, or no smallest change solves such a system.
     """
-    s, products = dynamics.structure, products_of(dynamics) if dynamics.matrices else dynamics
+    s, products = dynamics.structure, paying_products(dynamics) if dynamics.matrices else dynamics
     source, place = dynamics if products is None else products, ((), (s.n,), (s.n,))
     if not s.constrained:
         codes = {"force": native(force_and_inverse_mass, source, shapes=place)}
@@ -158,23 +158,12 @@ def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
 
 
-def larger(dynamics: Dynamics) -> bool:
-    """Whether full matrices are not the fastest any more."""
-    s = dynamics.structure
-    return route_of(dynamics) != "numpy" and s.n + s.m + s.p > FULL
-
-
-def products_of(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without full matrices where that pays, and is known how."""
-    return matrix_free(dynamics) if larger(dynamics) else None
-
-
 def kkt_of(dynamics: Dynamics) -> Entries | None:
     """Code for the entries of the KKT matrix; remembered.
 
     None where there is no machine code for them, or Python would factorise their matrix.
     """
-    found: list[Entries] = _known.find(by_id(dynamics), lambda: _kkt_of(products_of(dynamics) or dynamics))
+    found: list[Entries] = _known.find(by_id(dynamics), lambda: _kkt_of(paying_products(dynamics) or dynamics))
     return found[0] if found else None
 
 
@@ -230,11 +219,3 @@ def acceleration_level(run: Any, t: float, q: Vector, v: Vector, lam: Vector, mu
     """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
     found = run.acceleration.solve(t, q, v, lam, mu)
     return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])
-
-
-def plain_mass(dynamics: Dynamics) -> bool:
-    """Whether nothing is said of a start for its mass but where that varies: the system's, symmetric, with an inverse."""
-    mass = dynamics.constant_mass
-    finite = mass is None or bool(np.isfinite(np.asarray(mass)).all())
-    regular = mass is None or (finite and dynamics.inverse_mass is not None and not asymmetry(np.asarray(mass))[1])
-    return type(dynamics) is JaxDynamics and regular

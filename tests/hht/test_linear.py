@@ -7,7 +7,7 @@ import pytest
 
 from hhtbench import load_problem
 from hhtbench.lowering.compile.coloured import Pattern
-from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.result import Status
 from solvers.hht import HHT
 from solvers.kernel.linear.analysis import of_pattern

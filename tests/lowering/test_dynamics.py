@@ -6,7 +6,7 @@ import pytest
 
 from hhtbench.lowering import AccelerationLevel, Dynamics, augment, derive, mass_is_singular, reduce_redundant
 from hhtbench.lowering.dynamics.dynamics import arguments_of
-from hhtbench.lowering.dynamics.jax_dynamics import matrix_free
+from hhtbench.lowering.dynamics.products import matrix_free
 from hhtbench.protocol import SIGNATURES, WITH_VELOCITY, NumpySystem
 from tests.lowering.systems import MASSLESS_NUMPY, Massless, Pendulum
 

@@ -10,7 +10,7 @@ from jax import Array, lax
 
 from hhtbench.errors import ProblemError
 from hhtbench.lowering import compile_function, derive, routes
-from hhtbench.lowering.compile.compiling import _Compiled
+from hhtbench.lowering.compile.compiled import Compiled
 from hhtbench.protocol import NumpySystem, System, parameter
 
 Q, V = np.array([1.0, 2.0]), np.array([0.5, -0.5])
@@ -112,15 +112,15 @@ def test_threads_do_not_share_memory():
     assert wrong == []
 
 
-class Raced(_Compiled):
+class Raced(Compiled):
     """A function of which another thread calls the code of other shapes whenever this one has chosen its own."""
 
     _last = property(lambda self: lambda *arguments: None, lambda self, call: None)
 
 
 def test_a_thread_calls_the_code_of_its_own_shapes_whatever_another_thread_calls(monkeypatch):
-    monkeypatch.delattr(_Compiled, "_by_xla")
-    raced = Raced(force_of, derive(Spring(), 0.0, Q, V), (), "auto")
+    monkeypatch.delattr(Compiled, "_by_xla")
+    raced = Raced(force_of, derive(Spring(), 0.0, Q, V), (), None)
     for t in (0.0, 1.0):
         np.testing.assert_array_equal(raced.call(t, Q, V), -2.0 * Q + t * V)
 
@@ -141,8 +141,6 @@ def test_an_unknown_primitive_falls_back_with_its_line():
     assert choice.route == "xla"
     assert "while" in choice.reason
     assert "test_native_calls.py" in choice.reason
-    with pytest.raises(ProblemError, match="force_of cannot take the native route: the primitive while has no rule"):
-        compile_function(force_of, dynamics, route="native")(0.0, Q, V)
 
 
 def test_large_systems_are_left_to_xla():
@@ -150,29 +148,18 @@ def test_large_systems_are_left_to_xla():
     dynamics = derive(Spring(), 0.0, q, q)
     compile_function(force_of, dynamics)(0.0, q, q)
     assert "n + m + p = 100" in routes(dynamics)[0].reason
-    compile_function(force_of, dynamics, route="native")(0.0, q, q)
-    assert routes(dynamics)[-1].route == "native", "unless it is asked for"
 
 
-def test_the_route_can_be_asked_for(monkeypatch):
+def test_xla_can_be_asked_for():
     dynamics = derive(Spring(k=7.0), 0.0, Q, V)
     by_xla = compile_function(force_of, dynamics, route="xla")(0.25, Q, V)
-    np.testing.assert_allclose(compile_function(force_of, dynamics, route="native")(0.25, Q, V), by_xla, rtol=1e-15)
+    np.testing.assert_allclose(compile_function(force_of, dynamics)(0.25, Q, V), by_xla, rtol=1e-15)
     assert [choice.route for choice in routes(dynamics)] == ["xla", "native"]
-    monkeypatch.setenv("HHTBENCH_ROUTE", "xla")
-    other = derive(Spring(k=8.0), 0.0, Q, V)
-    compile_function(force_of, other)(0.25, Q, V)
-    assert [choice.route for choice in routes(other)] == ["xla"]
-    monkeypatch.setenv("HHTBENCH_ROUTE", "fast")
-    with pytest.raises(ProblemError, match="HHTBENCH_ROUTE must be one of auto, native, xla; got 'fast'"):
-        compile_function(force_of, other)
-    with pytest.raises(ProblemError, match="route must be one of"):
-        compile_function(force_of, other, route="numba")
 
 
 def test_plain_callables_are_called_as_they_are():
     dynamics = derive(NumpySystem(force=lambda t, q, v: -q), 0.0, Q, V)
-    np.testing.assert_array_equal(compile_function(force_of, dynamics, route="native")(0.0, Q, V), -Q)
+    np.testing.assert_array_equal(compile_function(force_of, dynamics)(0.0, Q, V), -Q)
     assert routes(dynamics)[0].route == "numpy"
 
 
@@ -219,7 +206,7 @@ def branching_force(dynamics, t, q, v):
     return dynamics.force(t, q, v) if t > 0 else q
 
 
-@pytest.mark.parametrize("route", ["auto", "xla"])
+@pytest.mark.parametrize("route", [None, "xla"])
 def test_python_control_flow_in_a_function_of_a_dynamics_is_explained(route):
     with pytest.raises(ProblemError, match=r"return dynamics\.force\(t, q, v\) if t > 0 else q"):
         compile_function(branching_force, derive(Spring(), 0.0, Q, V), route=route)(1.0, Q, V)
@@ -235,7 +222,7 @@ def test_python_control_flow_in_a_function_of_a_dynamics_is_explained(route):
     ],
     ids=["if", "if on a parameter", "numpy", "range"],
 )
-@pytest.mark.parametrize("route", ["auto", "xla"])
+@pytest.mark.parametrize("route", [None, "xla"])
 def test_python_control_flow_is_explained_with_its_line(system, line, route):
     with pytest.raises(ProblemError) as caught:
         compile_function(force_of, derive(system, 0.0, Q, V), route=route)(0.0, Q, V)

@@ -20,9 +20,7 @@ from solvers.hht import HHT, Event
 Q0, V0 = np.array([1.0, 0.0]), np.array([0.0, 2.0])
 SOLVERS = [
     ("hht", {"steps": 400}, 3e-4),
-    ("hht(alpha=-0.3)", {"steps": 400}, 1e-3),
     ("ida(form=ggl)", {"rtol": 1e-8}, 1e-5),
-    ("ida(form=index1)", {"rtol": 1e-8}, 1e-5),
     ("scipy(method=DOP853)", {"rtol": 1e-8}, 1e-5),
     ("collocation(form=index2)", {"rtol": 1e-8}, 1e-7),
     ("projected(method=DOP853)", {"rtol": 1e-8}, 1e-7),
@@ -200,20 +198,13 @@ class Tangent(System):
         return jnp.stack([q[1], q[1] - q[0] ** 2])
 
 
-@pytest.mark.parametrize(
-    ("solver", "status"),
-    [
-        ("hht", Status.redundant_constraints),
-        ("projected(method=DOP853)", Status.redundant_constraints),
-        ("ida(form=ggl)", Status.redundant_constraints),
-    ],
-)
-def test_rows_end_before_a_row_that_was_left_out_is_violated(solver, status):
+@pytest.mark.parametrize("solver", ["hht", "projected(method=DOP853)", "ida(form=ggl)"])
+def test_rows_end_before_a_row_that_was_left_out_is_violated(solver):
     how = {"steps": 10} if solver == "hht" else {"rtol": 1e-6}
     problem = Problem(name="rails", system=Tangent(), t_span=(0.0, 1.0), q0=[0.0, 0.0], v0=[1.0, 0.0])
     with pytest.warns(UserWarning, match="redundant"):
         solution = solve(problem, solver, **how)
-    assert solution.status is status, solution.message
+    assert solution.status is Status.redundant_constraints, solution.message
     assert np.abs(solution.q[:, 0] ** 2).max() < 1e-3
 
 

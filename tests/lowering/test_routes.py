@@ -8,7 +8,6 @@ from hypothesis.extra.numpy import arrays
 
 from hhtbench.lowering import compile_function, derive
 from hhtbench.lowering.dynamics.differences import derivative
-from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import NumpySystem
 from tests.lowering.systems import (
     MASSLESS_NUMPY,
@@ -181,22 +180,3 @@ def test_coloured_differences_equal_dense_ones_with_fewer_evaluations(order):
     np.testing.assert_allclose(coloured, dense, atol=1e-7)
     points = {1: 1, 2: 2, 4: 4}[order]
     assert (dense_calls, coloured_calls) == (12 * points + (order == 1), 3 * points + (order == 1))
-
-
-def test_a_declared_pattern_saves_evaluations_of_the_force_jacobians():
-    calls = {"dense": [], "coloured": []}
-    q = np.sin(np.arange(12.0))
-    plain = derive(NumpySystem(force=chain_force(calls["dense"])), 0.0, q, q)
-    sparse = derive(
-        NumpySystem(force=chain_force(calls["coloured"]), sparsity={"force_q": TRIDIAGONAL, "force_v": np.eye(12)}),
-        0.0,
-        q,
-        q,
-    )
-    for one, other in zip(plain.force_jacobians(0.0, q, q), sparse.force_jacobians(0.0, q, q), strict=True):
-        np.testing.assert_allclose(other, one, atol=1e-6)
-    assert (len(calls["dense"]), len(calls["coloured"])) == (13 + 13, 4 + 2)
-
-
-def test_a_numpy_system_has_a_numpy_dynamics():
-    assert isinstance(derive(SPRINGS_NUMPY, 0.0, np.zeros(2), np.zeros(2)), NumpyDynamics)

@@ -13,8 +13,8 @@ from hhtbench.counting import Work
 from hhtbench.description import describe
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
 from hhtbench.lowering.compile.coloured import Coloured
-from hhtbench.lowering.dynamics.jax_dynamics import large, matrix_free
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact, entries_at, full
+from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.lowering.scalar_compiler import native, native_call
 from problems import planar_chain
 from solvers._initcond import check_start, project

@@ -86,3 +86,31 @@ def test_every_public_name_is_there_and_no_module_can_take_its_place():
 def test_a_name_that_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="'hhtbench' has no attribute 'sovle'"):
         hhtbench.sovle  # noqa: B018
+
+
+LINES = """
+import json, sys
+import numpy as np, jax.numpy as jnp, hhtbench as hb
+class Own(hb.System):
+    def force(self, t, q, v): return jnp.stack([0.0, -9.81])
+    def constraint(self, t, q): return jnp.stack([(q @ q - 1) / 2])
+called = hb.NumpySystem(force=lambda t, q, v: np.array([0.0, -9.81]), constraint=lambda t, q: np.array([(q @ q - 1) / 2]))
+start = {"t_span": (0.0, 0.1), "q0": [1.0, 0.0], "v0": [0.0, 0.0]}
+problem = KIND
+assert hb.solve(problem, "scipy(method=Radau)", t_span=(0.0, 0.1)).success
+own = [m.__file__ for n, m in sys.modules.items() if n.split(".")[0] in ("hhtbench", "solvers", "problems") if m.__file__]
+print(sum(len(open(file).readlines()) for file in own))
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "most"),
+    [
+        ("hb.Problem(name='p', system=called, **start)", 8_000),
+        ("hb.Problem(name='p', system=Own(), **start)", 13_200),
+        ("'simple_pendulum'", 13_800),
+    ],
+)
+def test_a_solve_by_a_library_imports_no_more_lines_than_it_needs(kind, most):
+    """Plain callables need neither compilers nor loops, no solve needs judge, drift and accuracy before it is asked for."""
+    assert _last_line(LINES.replace("KIND", kind)) <= most

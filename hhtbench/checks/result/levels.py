@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.counting import Clock
 from hhtbench.errors import NonFiniteValue
-from hhtbench.jumps import levels_at_rows
 from hhtbench.lowering import ConstraintLevels, Dynamics, derive
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol import Problem
@@ -109,7 +108,7 @@ class AtRows:
         s = dynamics.structure
         self.n, self.m, self.p = n, m, p = s.n, s.m, s.p
         self._at = ConstraintLevels(dynamics)
-        self._terms = levels_at_rows(dynamics)
+        self._terms = self._at.at_rows()
         ends = list(accumulate((m, m, m * n, p, p * n, m)))
         #: where machine code puts g, g_t, g_q, k, k_v and g_t + g_q v
         self._g, self._g_t, self._g_q, self._k, self._k_v, self._drift = map(slice, [0, *ends], ends)

@@ -75,6 +75,7 @@ class Dynamics:
     inverse_mass: Any  #: M^-1 (n, n) [1/kg, 1/(kg m^2)], likewise; None also where a constant M is singular
     matrices: ClassVar[bool] = True  #: whether its functions hold full matrices
     noise: ClassVar[float] = 0.0  #: relative error of reactions by differences
+    entries: Any = None  #: where a mass that varies can differ from zero, of products
     least: float = 1.0  #: the size that coordinates near zero count as where one looks beside a place
     gives: Callable[[str], bool]  #: whether the function of that name is called, not derived
     call: Callable[..., Any]  #: (name, *arguments): the value of a function that is given

@@ -17,8 +17,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.lowering.caching import Cache, by_id
+from hhtbench.lowering.compile.coloured import Coloured, OftenCalled, Pattern, by_pattern
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper, plain_attributes
+from hhtbench.lowering.dynamics.kkt import kkt_residual
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at, mass_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, patterns_of
 from hhtbench.lowering.dynamics.regular import ReducedDynamics
@@ -26,7 +28,6 @@ from hhtbench.lowering.scalar_compiler import NotNative, places_of
 from hhtbench.protocol import SIGNATURES, System, declared
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
-LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
 
 _entries = Cache(16)  # of masses: tracing takes a second
 
@@ -73,8 +74,21 @@ class MatrixFree(Wrapper):
         s = self.inner.structure
         return replace(s, mass="sparse") if isinstance(self.constant_mass, Sparse) else s
 
+    def coloured(self, function: Callable[..., Any], example: tuple[Any, ...]) -> Coloured:
+        """``function(self, x, *rest)`` with its sparse derivative by x, compiled."""
+        return Coloured(function, self, example=example)
+
+    def often_called(self, function: Callable[..., Any], *static: Any, example: tuple[Any, ...]) -> OftenCalled:
+        """The same of ``function(self, *static, x, *rest)`` as machine code where that is known how."""
+        return OftenCalled(function, self, *static, example=example)
+
     def mass(self, t: Any, q: Any) -> Any:
         return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass
+
+    def mass_at(self, t: float, q: Any) -> Diagonal | Sparse:
+        """M at a place, by numbers."""
+        found: Diagonal | Sparse = self.mass(t, q)
+        return found
 
     @property
     def dependencies(self) -> Dynamics:
@@ -169,8 +183,8 @@ def conjugate(products: MatrixFree) -> Conjugate:
     return Conjugate(inner, mass, inverse)
 
 
-def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without dense matrices; None: no JAX system, a mass that fills, is singular, varies in a small one."""
+def products_of(dynamics: Dynamics) -> MatrixFree | None:
+    """What :func:`~.products.matrix_free` gives."""
     origin = dynamics.inner if isinstance(dynamics, ReducedDynamics) else dynamics
     if not isinstance(origin, JaxDynamics):
         return None
@@ -202,7 +216,6 @@ def _entries_of(dynamics: JaxDynamics) -> Entries | None:
         return None
 
 
-def large(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without dense matrices where it is large enough for it, else None."""
-    s = dynamics.structure
-    return matrix_free(dynamics) if s.n + s.m + s.p > LARGE else None
+def kkt_entries(dynamics: Dynamics, pattern: Pattern, t: Any, q: Any, v: Any, x: Any) -> Any:
+    """Residual of the KKT system at ``x``, then the entries of its matrix in ``pattern``, (N + entries,)."""
+    return by_pattern(dynamics, pattern, kkt_residual, (), x, t, q, v)

@@ -18,10 +18,9 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
 from hhtbench.arguments import Matrix, Vector
-from hhtbench.lowering.compile.coloured import Coloured, Pattern, by_pattern
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.products import large
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns
@@ -70,11 +69,6 @@ def kkt_residual(dynamics: Dynamics, x: Any, t: Any, q: Any, v: Any) -> Any:
     return dynamics.xp.concatenate(rows)
 
 
-def kkt_entries(dynamics: Dynamics, pattern: Pattern, t: Any, q: Any, v: Any, x: Any) -> Any:
-    """The residual, then the entries of the matrix in ``pattern``, (N + entries,)."""
-    return by_pattern(dynamics, pattern, kkt_residual, (), x, t, q, v)
-
-
 class AccelerationLevel:
     """Solves (H16) at any point; one compiled function for residual and matrix, which is sparse for large systems."""
 
@@ -87,7 +81,7 @@ class AccelerationLevel:
             self._sparse, self._terms = None, compile_function(kkt_terms, dynamics)
         else:
             example = np.zeros(s.n + s.m + s.p), 0.0, np.zeros(s.n), np.zeros(s.n)
-            self._sparse = Coloured(kkt_residual, products, example=example)
+            self._sparse = products.coloured(kkt_residual, example)
 
     def terms(self, t: float, q: Vector, v: Vector, x: Vector) -> tuple[Vector, Any]:
         """Residual (N,) and matrix (N, N) at ``x = [vdot, lam, mu]``, N = n + m + p."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, cast
@@ -9,11 +10,10 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import scipy.sparse as sp
 
-from hhtbench.arguments import Vector
-from hhtbench.lowering.compile.coloured import Coloured
-from hhtbench.lowering.compile.compiling import compile_function, route_of
+from hhtbench.arguments import Matrix, Vector
+from hhtbench.lowering.compile.compiling import compile_function, route_of, too_large
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.jax_dynamics import large
+from hhtbench.lowering.dynamics.products import large
 from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank
 
 CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
@@ -96,13 +96,14 @@ class ConstraintLevels:
 
     def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
         """``full``: Jacobians are arrays also for large systems."""
-        s = self.structure = dynamics.structure
+        s, self._dynamics = dynamics.structure, dynamics
+        self.structure = s
         self._pure, self._last = route_of(dynamics) != "numpy", cast("_Found | None", None)
         products = large(dynamics) if s.constrained and not full else None
         if products is None:
             self._sparse, self._terms = None, compile_function(level_terms, dynamics)
         else:
-            self._sparse = Coloured(stacked_levels, products, example=(np.zeros(2 * s.n), 0.0, np.zeros(s.n)))
+            self._sparse = products.coloured(stacked_levels, (np.zeros(2 * s.n), 0.0, np.zeros(s.n)))
             self._rates = compile_function(level_rates, products, route="xla")
 
     def at(self, t: float, q: Vector, v: Vector) -> Levels:
@@ -115,6 +116,17 @@ class ConstraintLevels:
         if self._pure and frozen:  # a start is looked at several times
             self._last = t, q, v, found
         return found
+
+    def at_rows(self) -> Callable[[Any, Any, Any], Matrix] | None:
+        """:func:`level_terms` at many rows t (k,), q and v (k, n) in one call; None without machine code for it."""
+        if not self._pure or too_large(self._dynamics) is not None:
+            return None
+        from hhtbench.lowering.scalar_compiler import NotNative, at_rows, native  # plain callables do without
+
+        try:
+            return at_rows(native(level_terms, self._dynamics, shapes=((), (self.structure.n,), (self.structure.n,))))
+        except NotNative:
+            return None
 
     def _at(self, t: float, q: Vector, v: Vector) -> Levels:
         n, m, p = self.structure.n, self.structure.m, self.structure.p

@@ -233,6 +233,15 @@ def _judged(mass: Matrix) -> tuple[bool, str]:
     return (mass_is_singular(mass), asymmetry(mass)[1]) if np.isfinite(mass).all() else (False, "")
 
 
+def plain_mass(dynamics: Dynamics) -> bool:
+    """Whether a start can only be refused for a mass that varies: it is a JAX system's own, symmetric, with an inverse."""
+    mass = dynamics.constant_mass
+    if dynamics.xp is np or dynamics.wraps or mass is None:
+        return dynamics.xp is not np and not dynamics.wraps
+    entries = np.asarray(mass)
+    return bool(np.isfinite(entries).all()) and dynamics.inverse_mass is not None and not asymmetry(entries)[1]
+
+
 def inverse_of(mass: Any, xp: Any) -> Any:
     """The inverse of a constant mass, or None where there is none or it is singular (solvers then augment it).
 

@@ -5,35 +5,39 @@ Callbacks get read-only copies and a plain float t; results are copied, and chec
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import FLOAT, all_finite, real_values
+from hhtbench.arguments import FLOAT, Vector, all_finite, real_values
 from hhtbench.counting import differencing, kept_of_solve, note_callback
-from hhtbench.errors import NonFiniteValue, ProblemError
+from hhtbench.errors import NonFiniteValue
+from hhtbench.lowering.dynamics.declared import expect_parts, mass_as_matrix, mass_kind, rows_of, wrong_shape
 from hhtbench.lowering.dynamics.differences import (
     EPS,
     MIXED_STEP,
     derivative,
     derivative_along,
+    least_size,
     product,
     second_derivative,
     second_derivative_along,
 )
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, unless_given
-from hhtbench.protocol import SIGNATURES, NumpySystem, checked_patterns, declared, full_pattern, signature_of
-
-ROWS = {
-    "force": "one entry per coordinate",
-    "mass_matrix": "(coordinates, coordinates), or (coordinates,) for a diagonal one",
-    "constraint_jacobian": "(constraints, coordinates); row i is the derivative of constraint i",
-    "velocity_constraint_jacobian": "(velocity constraints, coordinates); row i is the derivative of constraint i by v",
-}
-
+from hhtbench.lowering.dynamics.mass import inverse_of
+from hhtbench.lowering.dynamics.reductions import generalised
+from hhtbench.protocol import (
+    SIGNATURES,
+    NumpySystem,
+    checked_patterns,
+    declared,
+    full_pattern,
+    reaction_takes_velocity,
+    signature_of,
+)
 
 MOST_BYTES = 2**20  # of Jacobians that one solve keeps: those of the ends of steps serve their rows
 FEWEST_PLACES = 6  # the start of a step, its stage and its end, each by either order
@@ -97,8 +101,12 @@ class NumpyDynamics(Dynamics):
         return value.copy()
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
+        return self._by_differences(derivative, function, x, order, self.patterns.get(pattern))
+
+    def _by_differences(self, scheme: Callable[..., Any], *arguments: Any, **how: Any) -> Any:
+        """What a ``scheme`` of differences gives, its calls counted as those of the derivative that would save them."""
         with differencing(self.gives):
-            return derivative(function, x, order, self.patterns.get(pattern), least=self.least)
+            return scheme(*arguments, least=self.least, **how)
 
     @cached_property
     def patterns(self) -> dict[str, Any]:
@@ -112,8 +120,7 @@ class NumpyDynamics(Dynamics):
         return found
 
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
-        with differencing(self.gives):
-            return derivative_along(lambda e: function(t + e, q + e * v), float(t), q, v, least=self.least)
+        return self._by_differences(derivative_along, lambda e: function(t + e, q + e * v), float(t), q, v)
 
     def _kept(self, name: str, make: Callable[..., Any], t: Any, *place: Any) -> Any:
         """What ``make`` gives at a place, remembered of the last places of the solve."""
@@ -142,8 +149,7 @@ class NumpyDynamics(Dynamics):
         """g_t + g_q v (m,): without a declared Jacobian the product by differences along v, which takes four calls."""
         if self.gives("constraint_jacobian"):
             return super().constraint_velocity(t, q, v)
-        with differencing(self.gives):
-            along = product(lambda x: self.constraint(t, x), q, v, least=self.least)
+        along = self._by_differences(product, lambda x: self.constraint(t, x), q, v)
         return along + self.constraint_time_derivative(t, q) if self.structure.rheonomic else along
 
     @unless_given
@@ -155,17 +161,15 @@ class NumpyDynamics(Dynamics):
         def velocity(x: Any) -> Any:
             return derivative_along(lambda e: self.constraint(t + e, x + e * v), float(t), q, v, 2, least=self.least)
 
-        with differencing(self.gives):
-            pattern = self.patterns.get("constraint_jacobian")
-            return derivative(velocity, q, 2, pattern, least=self.least, step=MIXED_STEP)
+        return self._by_differences(derivative, velocity, q, 2, self.patterns.get("constraint_jacobian"), step=MIXED_STEP)
 
     @unless_given
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
         """g_tt + 2 g_tq v + g_qq(v, v) (m,): without a declared Jacobian the second difference of g, not one of one."""
         if self.gives("constraint_jacobian"):
             return super().constraint_acceleration(t, q, v)
-        with differencing(self.gives):
-            return second_derivative_along(lambda e: self.constraint(t + e, q + e * v), float(t), q, v, least=self.least)
+        curve = lambda e: self.constraint(t + e, q + e * v)  # noqa: E731
+        return self._by_differences(second_derivative_along, curve, float(t), q, v)
 
     def constraint_rows(self, t: Any, q: Any) -> Any:
         """g_q (m, n), without a declared Jacobian with an error of 4e-11, by half the calls."""
@@ -178,9 +182,8 @@ class NumpyDynamics(Dynamics):
         """Q_q (n, n), Q_v, None where it is zero, and Q_lam (n, m), without a declared Jacobian by second differences."""
         if any(map(self.gives, ("reaction", "reaction_jacobians", "constraint_jacobian"))):
             return super().reaction_jacobians(t, q, v, lam)
-        with differencing(self.gives):
-            pattern = self.patterns.get("constraint_jacobian")
-            by_q = -second_derivative(lambda x: self.constraint(t, x), q, lam, pattern, least=self.least)
+        pattern = self.patterns.get("constraint_jacobian")
+        by_q = -self._by_differences(second_derivative, lambda x: self.constraint(t, x), q, lam, pattern)
         return by_q, None, self.reaction_columns(t, q, v, lam)
 
     def velocity_constraint_rows(self, t: Any, q: Any, v: Any) -> Any:
@@ -198,9 +201,8 @@ class NumpyDynamics(Dynamics):
         """Q_k by v (n, n) and by mu (n, p), like :meth:`reaction_jacobians`."""
         if self.gives("velocity_reaction") or self.gives("velocity_constraint_jacobian"):
             return super().velocity_reaction_jacobians(t, q, v, mu)
-        with differencing(self.gives):
-            pattern = self.patterns.get("velocity_constraint_jacobian")
-            by_v = -second_derivative(lambda x: self.velocity_constraint(t, q, x), v, mu, pattern, least=self.least)
+        pattern = self.patterns.get("velocity_constraint_jacobian")
+        by_v = -self._by_differences(second_derivative, lambda x: self.velocity_constraint(t, q, x), v, mu, pattern)
         return by_v, -self.velocity_constraint_rows(t, q, v).T
 
 
@@ -232,16 +234,45 @@ def checked_result(function: str, value: Any, expected: tuple[int, ...], t: floa
     return array
 
 
-def wrong_shape(function: str, expected: tuple[int, ...] | str, given: Any) -> ProblemError:
-    """The error for a result of the wrong shape."""
-    hint = f" = {ROWS[function]}" if function in ROWS else ""
-    return ProblemError(f"{function} must return shape {expected}{hint}; got {given}. Nothing is broadcast.")
+def structure_of(system: NumpySystem, t: float, q: Vector, v: Vector) -> Structure:
+    """Of a system whose functions are called once at the place, to count its constraints."""
+
+    def result(name: str) -> np.ndarray:
+        copies = [np.array({"q": q, "v": v}[symbol], dtype=np.float64) for symbol in SIGNATURES[name].arguments[1:]]
+        for copy in copies:
+            copy.setflags(write=False)
+        return real_values(f"{name} result", getattr(system, name)(float(t), *copies))
+
+    m, p = rows_of(system, result)
+    linear = declared(system, "reaction") is None and declared(system, "velocity_reaction") is None
+    uses_v = reaction_takes_velocity(system)
+    return Structure(n=np.size(q), m=m, p=p, mass=mass_kind(system), linear_reaction=linear, reaction_uses_v=uses_v)
 
 
-def expect_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
-    """``value``, raising unless it holds as many matrices as ``shapes``."""
-    if not isinstance(value, (tuple, list)) or len(value) != len(shapes):
-        many, got = {2: "two", 3: "three"}[len(shapes)], type(value).__name__
-        got += f" of {len(value)}" if isinstance(value, (tuple, list)) else ""
-        raise TypeError(f"{function} must return {many} matrices of shapes {shapes}; got {got}.")
-    return value
+def derive_numpy(
+    system: NumpySystem,
+    structure: Structure,
+    t: float,
+    q: Vector,
+    v: Vector,
+    ignored: tuple[str, ...],
+    without: tuple[str, ...],
+) -> NumpyDynamics:
+    """The functions of ``system`` as :func:`~.derive.derive` gives them."""
+    mass = declared(system, "mass_matrix") if structure.mass == "constant" else None
+    constant = mass_as_matrix(mass, structure.n, np)
+    found = NumpyDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, np))
+    return replace(found, least=least_size(_differenced(found, t, v), q))
+
+
+def _differenced(dynamics: NumpyDynamics, t: float, v: Vector) -> Iterator[Callable[[Vector], Any]]:
+    """Declared functions of q whose derivatives are not declared."""
+    gives = dynamics.gives
+    if not gives("force_jacobians"):
+        yield lambda q: dynamics.force(t, q, v)
+    if gives("constraint") and not (gives("constraint_jacobian") and gives("constraint_acceleration")):
+        yield lambda q: dynamics.constraint(t, q)
+    if gives("velocity_constraint"):  # nothing declares its derivative by q
+        yield lambda q: dynamics.velocity_constraint(t, q, v)
+    if gives("mass_matrix"):
+        yield lambda q: dynamics.mass(t, q).ravel()

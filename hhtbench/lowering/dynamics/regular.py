@@ -26,7 +26,6 @@ from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.mass import mass_at
-from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol import declared
 
 LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
@@ -188,11 +187,11 @@ def rows_of_mass(dynamics: Dynamics, t: Any, q: Any) -> Any:
     return AugmentedDynamics(inner=dynamics, weights=None).rows(t, q)
 
 
-def _with_known_velocity_rows(dynamics: Dynamics, t: float, q: Vector) -> Dynamics:
+def _with_known_velocity_rows(dynamics: Any, t: float, q: Vector) -> Dynamics:
     """A NumPy system cannot be read: whether its k is linear in v is measured, at rest and at two velocities."""
-    if isinstance(dynamics, ReducedDynamics) and dynamics.xp is np:
+    if type(dynamics) is ReducedDynamics and dynamics.xp is np:
         return replace(dynamics, inner=_with_known_velocity_rows(dynamics.inner, t, q))
-    if not isinstance(dynamics, NumpyDynamics) or not dynamics.structure.p:
+    if dynamics.xp is not np or dynamics.wraps or not dynamics.structure.p:
         return dynamics
     at_rest = dynamics.velocity_constraint_jacobian(t, q, np.zeros(q.size))
     places = np.arange(1.0, q.size + 1)

@@ -16,7 +16,6 @@ from hhtbench.lowering.caching import Cache, kept_on_disk
 from hhtbench.lowering.flattening import Flat, Tree, flat_function, jitted
 from hhtbench.lowering.scalar_compiler.dependencies import needed, pattern
 from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
-from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
 from hhtbench.lowering.scalar_compiler.store import CALLS, CODES, ZERO, Ids, NotNative, TooLarge
@@ -106,10 +105,14 @@ def places_of(function: Callable[..., Any], tree: Any, *static: Any, shapes: Sha
     NotNative
         The same.
     """
-    flat = flat_function(function, tree, *static)
+    return np.flatnonzero(_lowered(flat_function(function, tree, *static), shapes).outputs != ZERO)
+
+
+def _lowered(flat: Flat, shapes: Shapes, *, free: bool = False) -> Lowered:
+    """The graph, its parameters folded where they are 0, 1 or -1, or all of them ``free``."""
+    folded = np.zeros(flat.parameters.size, dtype=np.int8) if free else pattern_of(np.asarray(flat.parameters))
     with _uncollected():
-        lowered = lower(flat.name, jitted(flat), pattern_of(np.asarray(flat.parameters)), shapes, MOST_OPERATIONS)
-    return np.flatnonzero(lowered.outputs != ZERO)
+        return lower(flat.name, jitted(flat), folded, shapes, MOST_OPERATIONS)
 
 
 def count_operations(function: Callable[..., Any], tree: Any, *static: Any, shapes: Shapes) -> int:
@@ -122,9 +125,7 @@ def count_operations(function: Callable[..., Any], tree: Any, *static: Any, shap
     NotNative
         The same; or it solves a banded system, or calls a function in Python.
     """
-    flat = flat_function(function, tree, *static)
-    with _uncollected():
-        lowered = lower(flat.name, jitted(flat), pattern_of(np.asarray(flat.parameters)), shapes, MOST_OPERATIONS)
+    lowered = _lowered(flat_function(function, tree, *static), shapes)
     graph, live = lowered.graph, np.flatnonzero(needed(lowered.graph, lowered.outputs))
     codes = graph.column("code")[live]
     if np.isin(codes, [CODES["banded"], CODES["foreign"]]).any():
@@ -146,8 +147,7 @@ def pattern_along(flat: Flat, shapes: Shapes) -> tuple[tuple[int, int], Ids, Ids
     NotNative
         The same.
     """
-    with _uncollected():
-        lowered = lower(flat.name, jitted(flat), np.zeros(flat.parameters.size, dtype=np.int8), shapes, MOST_OPERATIONS)
+    lowered = _lowered(flat, shapes, free=True)
     return (lowered.outputs.size, shapes[0][0]), *pattern(lowered.graph, lowered.outputs, 0)
 
 
@@ -170,9 +170,13 @@ def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     constants[known] = graph.column("values")[graph.column("x")[lowered.outputs[known]]]
     varying = np.flatnonzero(~known)
     outputs = lowered.outputs[varying] if compact else lowered.outputs
-    what = graph, outputs, lowered.arguments
     counts = needed(graph, outputs)
-    emitted = emit(*what) if np.count_nonzero(counts) <= IN_LOOPS else emit_loops(*what, counts, MOST_OPERATIONS)
+    if np.count_nonzero(counts) <= IN_LOOPS:
+        emitted = emit(graph, outputs, lowered.arguments)
+    else:
+        from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops  # of large systems alone
+
+        emitted = emit_loops(graph, outputs, lowered.arguments, counts, MOST_OPERATIONS)
     if emitted.operations > MOST_OPERATIONS:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     content = "\0".join((str(FORMAT), host(), emitted.text, emitted.helpers))

@@ -17,8 +17,8 @@ from hhtbench.arguments import Vector, positive_integer, real_values
 from hhtbench.counting import Work
 from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, Native, native
+from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.derive import parameters_of
-from hhtbench.lowering.dynamics.foreign import Callbacks
 from solvers._finite import expect_finite
 from solvers.hht.events.scan import EXTRA
 from solvers.kernel.memory import DIRECTIONS, SAMPLES, Memory, integer_view

@@ -15,10 +15,12 @@ from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, nat
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.compiling import too_large
+from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.dynamics import innermost
-from hhtbench.lowering.dynamics.foreign import Callbacks, foreign
+from hhtbench.lowering.dynamics.foreign import foreign
 from hhtbench.lowering.dynamics.foreign_products import ForeignProducts, foreign_products
-from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree, matrix_free
+from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree
+from hhtbench.lowering.dynamics.products import matrix_free
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.corrections import SMALL as SMALLEST

@@ -6,7 +6,7 @@ import weakref
 from functools import partial
 from typing import Any
 
-from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.callbacks import Callbacks
 from solvers.hht.run.leaps import Stepped, leaping
 from solvers.kernel.kkt import acceleration_level
 

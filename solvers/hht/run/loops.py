@@ -14,7 +14,7 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.counting import Work
 from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.lowering.dynamics.foreign import Callbacks
+from hhtbench.lowering.dynamics.callbacks import Callbacks
 from solvers._start import Guesses, Place
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances

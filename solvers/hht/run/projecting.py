@@ -14,13 +14,14 @@ from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, conjugate
+from hhtbench.lowering.dynamics.products import paying_products
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.kernel import memory as mem
 from solvers.kernel.blocks import FEW, FIRST, in_blocks
-from solvers.kernel.kkt import Places, by_entries, of_full_matrices, places_of, products_of, reacts_across
+from solvers.kernel.kkt import Places, by_entries, of_full_matrices, places_of, reacts_across
 from solvers.kernel.memory import copied
 from solvers.kernel.projection import project
 
@@ -117,7 +118,7 @@ def smallest_changes(dynamics: Dynamics) -> Places:
     NotNative
         The functions cannot be machine code.
     """
-    products = dynamics if isinstance(dynamics, MatrixFree) else products_of(dynamics)
+    products = dynamics if isinstance(dynamics, MatrixFree) else paying_products(dynamics)
     if products is None or not reacts_across(dynamics):
         return places_of(dynamics)
     return by_entries(conjugate(products))

@@ -1,0 +1,41 @@
+"""Which systems are derived by products instead of matrices; plain callables never are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhtbench.lowering.dynamics.dynamics import Dynamics
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
+
+FULL = 32  # unknowns n + m + p up to which formulas of full matrices are the fastest
+LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
+
+
+def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
+    """``dynamics`` without dense matrices; None: no JAX system, a mass that fills, is singular, varies in a small one."""
+    if dynamics.xp is np:
+        return None
+    from hhtbench.lowering.dynamics.jax_dynamics import products_of
+
+    return products_of(dynamics)
+
+
+def large(dynamics: Dynamics) -> MatrixFree | None:
+    """``dynamics`` without dense matrices where it is large enough for it, else None."""
+    s = dynamics.structure
+    return matrix_free(dynamics) if s.n + s.m + s.p > LARGE else None
+
+
+def is_larger(dynamics: Dynamics) -> bool:
+    """Whether full matrices are not the fastest any more."""
+    s = dynamics.structure
+    return dynamics.xp is not np and s.n + s.m + s.p > FULL
+
+
+def paying_products(dynamics: Dynamics) -> MatrixFree | None:
+    """``dynamics`` without full matrices where that pays, and is known how."""
+    return matrix_free(dynamics) if is_larger(dynamics) else None

@@ -1,0 +1,56 @@
+"""The acceleration level of starts and rows by machine code of full matrices: in Python one row takes as long as ten."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING
+
+from hhtbench.lowering import Dynamics, NotNative
+from hhtbench.lowering.dynamics.kkt import Acceleration
+from solvers.kernel import acceleration
+from solvers.kernel import memory as mem
+from solvers.kernel.kkt import GOOD_START, of_full_matrices
+from solvers.kernel.memory import copied, view
+
+if TYPE_CHECKING:
+    from solvers._start import Guesses, Place
+
+
+def compiled_level(dynamics: Dynamics) -> CompiledLevel | None:
+    """None where the functions of the system cannot be machine code."""
+    try:
+        return CompiledLevel(dynamics)
+    except NotNative:
+        return None
+
+
+class CompiledLevel:
+    """The code of one system, and its memory.
+
+    Raises
+    ------
+    NotNative
+        The functions of the system cannot be machine code.
+    """
+
+    def __init__(self, dynamics: Dynamics) -> None:
+        places = of_full_matrices(dynamics)
+        self._codes, z = places.codes, places.memory
+        view(z, mem.START_BOUNDS)[:] = GOOD_START
+        self._place, self._lam, self._mu, self._vdot = (view(z, name) for name in (mem.PLACE, mem.LAM, mem.MU, mem.VDOT))
+        self._start, self._lock = acceleration.start.following(z), threading.Lock()
+        #: (rows [t, q, v, lam, mu], done): fills multipliers and marks rows; of many threads at once
+        self.recover = acceleration.recover.following(copied(z))
+
+    def at(self, place: Place, guesses: Guesses) -> Acceleration | None:
+        """Of the start at ``place``; None where it is not plainly good, or a guess is of another system."""
+        n = place.q.size
+        with self._lock:
+            for section, guess in zip((self._lam, self._mu), guesses, strict=True):
+                if guess is not None and guess.shape != section.shape:
+                    return None
+                section[:] = 0.0 if guess is None else guess
+            self._place[0], self._place[1 : 1 + n], self._place[1 + n :] = place.t, place.q, place.v
+            if not self._start():
+                return None
+            return Acceleration(self._vdot.copy(), self._lam.copy(), self._mu.copy(), converged=True, singular=False)
