@@ -36,7 +36,7 @@ class Acceptance:
         """A line a solver: how many rows ended in each way, and which; then those that only this study measures."""
         lines = [self._line(solver) for solver in dict.fromkeys(x.solver for x in self.outcomes)]
         slow = [x.id for x in self.rows if x.lane is Lane.slow]
-        only = f"in the slow lane, measured by this study only: {', '.join(slow)}"
+        only = f"in the slow lane: {', '.join(slow)}"
         return "\n".join(lines + [only] * bool(slow))
 
     def _line(self, solver: str) -> str:
