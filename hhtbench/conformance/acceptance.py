@@ -82,5 +82,5 @@ def study_acceptance(
 def shown(row: Entry, outcomes: Sequence[Outcome]) -> str:
     """A row as text: its two sentences and a line a solver."""
     lines = [f"{row.id}: {row.goes_in}", f"    expected: {row.sentence}"]
-    lines += [f"    {x.kind.label:<16} {x.solver:<13} {x.message} [{x.seconds:.2g} s]" for x in outcomes]
+    lines += [f"    {x.kind.label:<17} {x.solver:<13} {x.message} [{x.seconds:.2g} s]" for x in outcomes]
     return "\n".join(lines)
