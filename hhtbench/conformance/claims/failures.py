@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 
 from hhtbench.conformance.entry import claim
 from hhtbench.conformance.scenes.pendulum import numpy_pendulum, pendulum
-from hhtbench.conformance.scenes.scene import Scene
+from hhtbench.conformance.scenes.rod import FUNCTIONS, plane, problem, spoiled
 from hhtbench.conformance.subject import COMPONENTS, Declined, Subject, expect, same_bits
 from hhtbench.protocol import SIGNATURES, declared
 from hhtbench.result import Solution, Status
@@ -24,13 +23,6 @@ MAX_LATE = 5.0  # [s] beyond a budget of a twentieth of a second, compilation as
 
 class Planned(Exception):
     """Raised by a function of a system on purpose."""
-
-
-def _replaced(name: str, change: Callable[[float, Any], Any]) -> Scene:
-    """The pendulum of plain functions; what the function ``name`` returns goes through ``change(t, value)``."""
-    function: Any = declared(numpy_pendulum().problem.system, name)
-    changed: dict[str, Any] = {name: lambda t, *arguments: change(t, function(t, *arguments))}
-    return numpy_pendulum(**changed)
 
 
 def _says(solution: Solution, *words: str) -> None:
@@ -76,14 +68,14 @@ def budget_of_evaluations(subject: Subject) -> None:
 def budget_of_seconds(subject: Subject) -> None:
     """``max_seconds`` ends the run with status deadline, soon."""
 
-    def slow(t: float, value: Any) -> Any:
+    def slow(t: float, q: Any, v: Any) -> Any:
         time.sleep(0.005)
-        return value
+        return FUNCTIONS["force"](t, q, v)
 
-    scene = _replaced("force", slow)
-    request = subject.ladder(scene.problem)[-1]
+    slowed = problem(plane(force=slow))
+    request = subject.ladder(slowed)[-1]
     began = time.perf_counter()
-    solution = subject.solve(scene.problem, **request, max_seconds=0.05)
+    solution = subject.solve(slowed, **request, max_seconds=0.05)
     took = time.perf_counter() - began
     expect(solution.status is Status.deadline, f"after {took:.2g} s it ends with {solution.status.label}")
     _says(solution)
@@ -156,18 +148,8 @@ NOT_FINITE = {  # part -> function, its value after a time, and that time [s]
 def function_that_is_not_finite(subject: Subject, part: str) -> None:
     """A function that is not finite from a time on is named, and the rows before it stay."""
     name, bad, since = NOT_FINITE[part]
-    met: list[float] = []
-
-    def spoiled(t: float, value: Any) -> Any:
-        if t <= since:
-            return value
-        met.append(t)
-        return np.full(np.shape(value), bad)
-
-    scene = _replaced(name, spoiled)
-    solution = subject.solve(scene.problem, **subject.ladder(scene.problem)[0])
-    if solution.success and not met:
-        raise Declined(f"{subject.name} does not evaluate {name} on the way")
+    given = problem(spoiled(name, bad, lambda t, count: t > since))
+    solution = subject.solve(given, **subject.ladder(given)[0])
     _says(solution, name)
     if name == "constraint":  # an underlying ODE is solved without it: the check of its rows says so
         return
@@ -189,16 +171,10 @@ EXCEPTIONS: dict[str, tuple[BaseException, float]] = {
 def exception_comes_back(subject: Subject, part: str) -> None:
     """An exception of the force comes back as the same object, or is a status with its name; Ctrl-C ends the solve."""
     error, since = EXCEPTIONS[part]
-
-    def raising(t: float, value: Any) -> Any:
-        if t > since:
-            raise error
-        return value
-
-    problem = _replaced("force", raising).problem
+    given = problem(spoiled("force", error, lambda t, count: t > since))
     interrupt = isinstance(error, KeyboardInterrupt)
     try:
-        solution = subject.solve(problem, **subject.ladder(problem)[0])
+        solution = subject.solve(given, **subject.ladder(given)[0])
     except type(error) as caught:
         expect(caught is error or interrupt, "the exception that comes back is another object")
         partial_solution = getattr(caught, "partial_solution", None)
@@ -231,10 +207,10 @@ def start_off_the_constraints(subject: Subject, part: str) -> None:
     """A start off the constraints, or off their velocity level, is refused, with its row."""
     scene, factor, added, row = STARTS[part]
     plain = subject.scene(scene).problem
-    problem = replace(plain, q0=factor * plain.q0, v0=plain.v0 + np.array(added), exact=None)
-    request = subject.ladder(problem)[0]
+    given = replace(plain, q0=factor * plain.q0, v0=plain.v0 + np.array(added), exact=None)
+    request = subject.ladder(given)[0]
     try:
-        solution = subject.solve(problem, **request)
+        solution = subject.solve(given, **request)
     except ValueError as refused:
         expect(str(refused).strip(), "the start is refused without a word")
         return
