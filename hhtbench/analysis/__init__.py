@@ -1,6 +1,6 @@
 """Pure functions from rows of the store to tables; no function drops a failed row."""
 
-from hhtbench.analysis.accuracy import Slope, convergence, entries, multipliers, work_precision
+from hhtbench.analysis.accuracy import Slope, convergence
 from hhtbench.analysis.cells import (
     DOUBTED,
     NEAR,
@@ -9,6 +9,8 @@ from hhtbench.analysis.cells import (
     Point,
     Rules,
     by_entry,
+    by_problem,
+    entries,
     family,
     number,
     points,
@@ -16,37 +18,28 @@ from hhtbench.analysis.cells import (
     typical,
 )
 from hhtbench.analysis.decision import Choice, Place, Ratio, decide
-from hhtbench.analysis.drift import (
-    drift,
-    drift_series,
-    equally_accurate,
-    invariant_names,
-    invariant_series,
-    multiplier_series,
-)
+from hhtbench.analysis.drift import drift_series, equally_accurate, invariant_names, invariant_series, multiplier_series
 from hhtbench.analysis.drift_cost import DriftCost, drift_costs
 from hhtbench.analysis.fronts import (
     BOUNDS,
     SAME,
-    TARGETS,
+    STEADY,
     Campaign,
     Comparison,
     Cost,
     campaign_of,
     compare,
-    constrained_levels,
     fronts,
     level_of,
     pareto,
     targets_of,
 )
 from hhtbench.analysis.kinds import Kind, kinds
-from hhtbench.analysis.ladder import FIRST, End, Next, next_setting
+from hhtbench.analysis.ladder import FIRST
 from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, UNREFINED, Missing
 from hhtbench.analysis.newest import Newest, newest
-from hhtbench.analysis.outcomes import Failure, counters, failures, machines, silent, statuses
+from hhtbench.analysis.outcomes import failures, machines, silent, statuses
 from hhtbench.analysis.profile import Profile, Reach, profiles, reaches, relative_profiles
-from hhtbench.analysis.race import RACE_TARGETS, STEADY, Race, race
 
 __all__ = [
     "BOUNDS",
@@ -54,11 +47,9 @@ __all__ = [
     "FIRST",
     "NEAR",
     "NOT_RUN",
-    "RACE_TARGETS",
     "SAME",
     "STEADY",
     "SUBJECT",
-    "TARGETS",
     "TYPICAL_ERROR",
     "UNKNOWN",
     "UNREFINED",
@@ -67,28 +58,22 @@ __all__ = [
     "Comparison",
     "Cost",
     "DriftCost",
-    "End",
-    "Failure",
     "Kind",
     "Missing",
     "Newest",
-    "Next",
     "Place",
     "Point",
     "Profile",
-    "Race",
     "Ratio",
     "Reach",
     "Rules",
     "Slope",
     "by_entry",
+    "by_problem",
     "campaign_of",
     "compare",
-    "constrained_levels",
     "convergence",
-    "counters",
     "decide",
-    "drift",
     "drift_costs",
     "drift_series",
     "entries",
@@ -102,20 +87,16 @@ __all__ = [
     "level_of",
     "machines",
     "multiplier_series",
-    "multipliers",
     "newest",
-    "next_setting",
     "number",
     "pareto",
     "points",
     "problems",
     "profiles",
-    "race",
     "reaches",
     "relative_profiles",
     "silent",
     "statuses",
     "targets_of",
     "typical",
-    "work_precision",
 ]

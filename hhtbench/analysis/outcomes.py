@@ -1,41 +1,19 @@
-"""What was counted, what failed and why, on which machine."""
+"""What failed and why, and on which machine."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.analysis.cells import DOUBTED, Point, by_entry, number, point
+from hhtbench.analysis.cells import DOUBTED, by_entry, point
 from hhtbench.store.rows import RunRow
-
-COUNTED = (
-    "steps_accepted",
-    "steps_rejected_error",
-    "steps_rejected_newton",
-    "newton_iterations",
-    "residual_evaluations",
-    "output_evaluations",
-    "jacobian_evaluations",
-    "factorisations",
-    "linear_solves",
-)
-
 
 NUMBER = re.compile(
     r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w])"
 )  # alone: no part of RK45; no exit code
-
-
-@dataclass(frozen=True, kw_only=True)
-class CounterRow:
-    """Work of one run; a counter that was not reported is None, never zero."""
-
-    point: Point
-    counts: Mapping[str, float | None]
-    provenance: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +33,7 @@ class Failure:
     @property
     def reached(self) -> float | None:
         """Largest fraction of the interval; None for runs that are not believed."""
-        known = [] if self.status == DOUBTED else [number(row.metrics, "reached") for row in self.rows]
+        known = [] if self.status == DOUBTED else [point(row).reached for row in self.rows]
         return max((value for value in known if value is not None), default=None)
 
 
@@ -65,18 +43,6 @@ class Machine:
 
     environment: Mapping[str, Any]
     rows: int
-
-
-def counters(rows: Iterable[RunRow]) -> tuple[CounterRow, ...]:
-    """One line a row, in their order."""
-    return tuple(
-        CounterRow(
-            point=point(row),
-            counts={name: number(row.counters, name) for name in COUNTED},
-            provenance=str(row.counters.get("provenance") or "not reported"),
-        )
-        for row in rows
-    )
 
 
 def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
@@ -100,15 +66,8 @@ def statuses(rows: Iterable[RunRow]) -> dict[str, int]:
     return dict(Counter(row.status for row in rows).most_common())
 
 
-def machines(rows: Iterable[RunRow]) -> tuple[Machine, ...]:
+def machines(rows: Sequence[RunRow]) -> tuple[Machine, ...]:
     """The environments that occur, most rows first."""
-    found: list[tuple[Mapping[str, Any], int]] = []
-    for row in rows:
-        for index, (environment, count) in enumerate(found):
-            if environment == row.environment:
-                found[index] = (environment, count + 1)
-                break
-        else:
-            found.append((row.environment, 1))
-    ordered = sorted(found, key=lambda pair: -pair[1])
-    return tuple(Machine(environment=environment, rows=count) for environment, count in ordered)
+    kept = {str(sorted(row.environment.items())): row.environment for row in rows}
+    counted = Counter(str(sorted(row.environment.items())) for row in rows)
+    return tuple(Machine(environment=kept[text], rows=count) for text, count in counted.most_common())

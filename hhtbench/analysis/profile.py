@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from hhtbench.analysis.cells import Point, by_entry, points
+from hhtbench.analysis.cells import Point, by_problem, points
 from hhtbench.analysis.fronts import targets_of
 from hhtbench.store.rows import RunRow
 
@@ -40,9 +40,7 @@ def reaches(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = ())
     """One for each problem, error that can be judged, and solver of the rows; ``measure`` is "time" or "evaluations"."""
     found = points(rows)
     targets = targets or targets_of(found)
-    groups = {
-        name: by_entry(run for run in found if run.problem == name) for name in dict.fromkeys(r.problem for r in found)
-    }
+    groups = by_problem(found)
     judged = {name: _judged(own, targets) for name, own in groups.items()}
     count = sum(bool(own) for own in judged.values())
     return tuple(

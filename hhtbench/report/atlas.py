@@ -16,6 +16,10 @@ from hhtbench.store.rows import RunRow
 SILENT = "silently wrong"
 TOLERANCES = 1000.0  # of a success that is silently wrong: motions of the library magnify errors by up to 200
 DECLINED = "declined"
+COUNTED = (
+    "How many runs, by solver and form (lines) and by cause (columns); declined ones stand with their problem. "
+    f"Silently wrong: a success under error control that is off by more than {TOLERANCES:g} times its tolerance."
+)
 
 
 @dataclass(frozen=True, kw_only=True)

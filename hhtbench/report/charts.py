@@ -23,9 +23,8 @@ STATE_ERROR = "scaled error of q, v"
 PRECISION, CONVERGENCE = "Work and precision", "Convergence"  # titles of figures
 
 
-def problem_charts(rows: Sequence[RunRow], problem: str) -> list[Chart]:
+def problem_charts(own: Sequence[RunRow]) -> list[Chart]:
     """All charts of one problem that have something to show, those of a group one after the other."""
-    own = [row for row in rows if row.problem == problem]
     curves = [
         *(_against_work(own, measure) for measure in WORK),
         _against_drift(own),
@@ -143,11 +142,10 @@ def _left_out(rows: Sequence[RunRow], name: str) -> str:
 
 
 def _multipliers(rows: Sequence[RunRow], name: str) -> Chart | None:
-    found = {item.point.key: getattr(item, name) for item in analysis.multipliers(rows)}
-    if not any(found.values()):
-        return None
     runs = analysis.points(rows)
-    traces, marks = curves_of(runs, lambda run: run.time, lambda run: found[run.key])
+    if not any(getattr(run, name) for run in runs):
+        return None
+    traces, marks = curves_of(runs, lambda run: run.time, lambda run: getattr(run, name))
     symbol = {"lam": "λ (position constraints)", "mu": "μ (velocity constraints)"}[name]
     return Chart(
         id=f"multipliers-{name}",

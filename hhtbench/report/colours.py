@@ -56,13 +56,6 @@ def _lowest_free(taken: dict[str, int]) -> int:
     return next(number for number in range(len(taken) + 1) if number not in taken.values())
 
 
-def marked_line(index: int) -> dict[str, dict[str, object]]:
-    """Line and mark of style ``index``; the first 28 look different."""
-    colour = PALETTE[index % len(PALETTE)]
-    line = {"color": colour, "width": 2, "dash": DASHES[index // len(PALETTE) % len(DASHES)]}
-    return {"line": line, "marker": {"color": colour, "size": 8, "symbol": SYMBOLS[index % len(SYMBOLS)]}}
-
-
 @dataclass(frozen=True, kw_only=True)
 class SolverStyle:
     """How one solver looks on every plot of a report."""
@@ -76,6 +69,12 @@ class SolverStyle:
     def line(self) -> dict[str, Any]:
         """As plotly wants it."""
         return {"color": self.colour, "dash": self.dash, "width": self.width}
+
+
+def plot_style(number: int) -> SolverStyle:
+    """Style of that number on the page of a verification; the first 28 look different."""
+    colour, dash = PALETTE[number % len(PALETTE)], DASHES[number // len(PALETTE) % len(DASHES)]
+    return SolverStyle(colour=colour, dash=dash, symbol=SYMBOLS[number % len(SYMBOLS)], width=2.0)
 
 
 def solver_order(entries: Iterable[str]) -> tuple[str, ...]:

@@ -12,9 +12,8 @@ from typing import Any
 from hhtbench import analysis
 from hhtbench.analysis import BOUNDS, SUBJECT, TYPICAL_ERROR, DriftCost, Profile, Reach, family
 from hhtbench.report import colours
-from hhtbench.report.chart import layout_of, rounded
+from hhtbench.report.chart import axis, layout_of, rounded
 from hhtbench.report.colours import SolverStyle
-from hhtbench.report.figures import axis
 from hhtbench.report.series import LEAST_DRIFT
 from hhtbench.report.words import listed, plural, short, weighed
 from hhtbench.store.rows import RunRow

@@ -38,6 +38,6 @@ def _section(plot: Plot, styles: dict[str, int], drawings: Drawings) -> str:
     return f"""\
 <section id="{anchor(plot.id)}">
 <h2>{escape(plot.title)}</h2>
-{drawings.box(drawn, drawn.layout.height)}
+{drawings.box(drawn, drawn["layout"]["height"])}
 <p class="caption">{escape(plot.caption)}</p>
 </section>"""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhtbench import analysis
@@ -38,17 +38,18 @@ class Subject:
 def charts_over_time(rows: Sequence[RunRow]) -> list[Chart]:
     """All of them that have something to show; ``rows`` are those of one problem."""
     chosen = typical_runs(rows)
-    own = [row for row in rows if row.key in chosen]
-    charts = [_chart(own, chosen, analysis.drift_series(own, level), _of_level(level)) for level in LEVELS]
-    charts.append(_chart(own, chosen, analysis.drift_series(own, "energy"), ENERGY))
+    keys = {run.key for run in chosen}
+    own = [row for row in rows if row.key in keys]
+    charts = [_chart(chosen, analysis.drift_series(own, level), _of_level(level)) for level in LEVELS]
+    charts.append(_chart(chosen, analysis.drift_series(own, "energy"), ENERGY))
     for name in analysis.invariant_names(own):
         subject = Subject(
             id=f"invariant-{name}", view=name, title=f"Change of {name} over time", y_label=f"relative change of {name}"
         )
-        charts.append(_chart(own, chosen, analysis.invariant_series(own, name), subject))
+        charts.append(_chart(chosen, analysis.invariant_series(own, name), subject))
     for name in SYMBOLS:
         series = analysis.multiplier_series([row for row in own if row.success], name)
-        charts.append(_chart(own, chosen, series, _of_multipliers(name, series)))
+        charts.append(_chart(chosen, series, _of_multipliers(name, series)))
     return [chart for chart in charts if chart is not None]
 
 
@@ -83,9 +84,7 @@ def _of_multipliers(name: str, series: Sequence[TimeSeries]) -> Subject:
     )
 
 
-def _chart(
-    rows: Sequence[RunRow], chosen: Mapping[str, Point], found: Sequence[TimeSeries], subject: Subject
-) -> Chart | None:
+def _chart(chosen: Sequence[Point], found: Sequence[TimeSeries], subject: Subject) -> Chart | None:
     if not found:
         return None
     traces, marks = [], []
@@ -107,7 +106,7 @@ def _chart(
         group=subject.group,
         view=subject.view,
         title=subject.title,
-        caption=f"{head}{subject.remark}{_absent(rows, traces, subject)}{floor}",
+        caption=f"{head}{subject.remark}{_absent(chosen, traces, subject)}{floor}",
         x_label="time [s]",
         y_label=subject.y_label,
         traces=tuple(traces),
@@ -117,21 +116,21 @@ def _chart(
     )
 
 
-def _absent(rows: Sequence[RunRow], traces: Sequence[Trace], subject: Subject) -> str:
+def _absent(chosen: Sequence[Point], traces: Sequence[Trace], subject: Subject) -> str:
     """Who has no series, and why: the note of a level that was not measured, else the status."""
     named = {trace.entry for trace in traces}
     reasons: dict[str, list[str]] = {}
-    for line in analysis.drift(rows):
-        if line.point.entry not in named:
-            note = line.note if subject.id == "drift-acceleration" else ""
-            reasons.setdefault(note or line.point.status, []).append(line.point.entry)
+    for run in chosen:
+        if run.entry not in named:
+            note = run.note if subject.id == "drift-acceleration" else ""
+            reasons.setdefault(note or run.status, []).append(run.entry)
     parts = [f"{listed(entries)} ({reason})" for reason, entries in reasons.items()]
     return f" No series: {'; '.join(parts)}." if parts else ""
 
 
-def _spread(chosen: Mapping[str, Point]) -> str:
+def _spread(chosen: Sequence[Point]) -> str:
     """How far from equal accuracy the runs are that stand side by side."""
-    errors = [run.error for run in chosen.values() if run.error is not None]
+    errors = [run.error for run in chosen if run.error is not None]
     return f" (they are from {min(errors):.1e} to {max(errors):.1e})" if errors else ", or a middle setting as none is known"
 
 

@@ -51,9 +51,9 @@ def summary(rows: Sequence[RunRow]) -> list[str]:
     return [part for part in [*parts, _drift(rows), _caveats(rows)] if part]
 
 
-def problem_summary(rows: Sequence[RunRow], problem: str, campaign: Campaign | None = None) -> list[str]:
+def problem_summary(rows: Sequence[RunRow], campaign: Campaign | None = None) -> list[str]:
     """Sentences for one problem: wins and losses by both measures."""
-    lines = analysis.compare(rows, problem=problem, campaign=campaign)
+    lines = analysis.compare(rows, campaign=campaign)
     return [_sentence([line for line in lines if line.measure == measure], measure) for measure in MEASURES]
 
 
