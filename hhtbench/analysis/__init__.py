@@ -18,8 +18,15 @@ from hhtbench.analysis.cells import (
     typical,
 )
 from hhtbench.analysis.decision import Choice, Place, Ratio, decide
-from hhtbench.analysis.drift import drift_series, equally_accurate, invariant_names, invariant_series, multiplier_series
-from hhtbench.analysis.drift_cost import DriftCost, drift_costs
+from hhtbench.analysis.drift import (
+    DriftCost,
+    drift_costs,
+    drift_series,
+    equally_accurate,
+    invariant_names,
+    invariant_series,
+    multiplier_series,
+)
 from hhtbench.analysis.fronts import (
     BOUNDS,
     SAME,
@@ -37,8 +44,7 @@ from hhtbench.analysis.fronts import (
 from hhtbench.analysis.kinds import Kind, kinds
 from hhtbench.analysis.ladder import FIRST
 from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, UNREFINED, Missing
-from hhtbench.analysis.newest import Newest, newest
-from hhtbench.analysis.outcomes import failures, machines, silent, statuses
+from hhtbench.analysis.outcomes import Newest, failures, machines, newest, silent, statuses
 from hhtbench.analysis.profile import Profile, Reach, profiles, reaches, relative_profiles
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Runs of equal accuracy, and what runs have kept over time: drift, energy, invariants, multipliers."""
+"""Runs of equal accuracy, and what runs have kept over time; drift against cost."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.analysis.cells import NEAR, TYPICAL_ERROR, Point, by_problem, point, points, typical
+from hhtbench.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, by_problem, family, point, points, typical
+from hhtbench.analysis.fronts import Cost, fronts
 from hhtbench.store.rows import RunRow
 
 MOST_COMPONENTS = 3  # of the multipliers drawn over time: more lines cannot be told apart
@@ -84,3 +85,38 @@ def multiplier_series(rows: Sequence[RunRow], name: str) -> tuple[TimeSeries, ..
         for row, t, values in kept
         for index in chosen
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriftCost:
+    """One solver on one problem, at one error."""
+
+    problem: str
+    cost: Cost
+    own: Cost  #: of HHT's cheapest entry
+    drift: float  #: the larger of position and velocity, scaled, of the run at the accurate end
+
+    @property
+    def ratio(self) -> float:
+        """Its cost over that of HHT's cheapest entry."""
+        return self.cost.value / self.own.value
+
+    @property
+    def bound(self) -> bool:
+        """Whether either cost is only an upper bound, so that the ratio is none of costs at this error."""
+        return self.cost.bound or self.own.bound
+
+
+def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ERROR) -> dict[str, tuple[DriftCost, ...]]:
+    """Entry -> one for each problem with constraints where both it and HHT reach ``target``."""
+    found: dict[str, list[DriftCost]] = {}
+    for front in fronts(rows, measure, (target,)):
+        own = next((cost for cost in front.costs if family(cost.entry) == SUBJECT), None)
+        if own is None:
+            continue
+        for cost in front.costs:
+            levels = [value for value in (cost.run.position, cost.run.velocity) if value is not None]
+            if levels:
+                line = DriftCost(problem=front.problem, cost=cost, own=own, drift=max(levels))
+                found.setdefault(cost.entry, []).append(line)
+    return {entry: tuple(lines) for entry, lines in found.items()}

@@ -46,18 +46,20 @@ class Front:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class Comparison(Front):
     """The best entry of the subject against the best other solver."""
 
-    problem: str
-    measure: str
-    target: float
-    subject: Cost | None
-    rival: Cost | None
-    missing: dict[str, Missing]
-    family: str  #: of the subject
     level: float = 1.0  #: factors up to it are level: repeats of one solve differ by as much
-    held: float | None = None  #: bound of the drift of the runs that count
+
+    @property
+    def subject(self) -> Cost | None:
+        """The cheapest of the subject's entries."""
+        return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
+
+    @property
+    def rival(self) -> Cost | None:
+        """The cheapest of all others."""
+        return next((cost for cost in self.costs if family(cost.entry) != SUBJECT), None)
 
     @property
     def factor(self) -> float | None:
@@ -97,7 +99,7 @@ class Comparison:
 
     def _reasons(self, *, own: bool) -> list[Missing]:
         """Of the subject's entries, or of all others'."""
-        return [reason for entry, reason in self.missing.items() if (family(entry) == self.family) is own]
+        return [reason for entry, reason in self.missing.items() if (family(entry) == SUBJECT) is own]
 
 
 def pareto(runs: Iterable[Point], measure: str) -> tuple[Point, ...]:
@@ -210,41 +212,24 @@ def campaign_of(rows: Iterable[RunRow]) -> Campaign:
 
 def compare(
     rows: Sequence[RunRow],
-    subject: str = SUBJECT,
     targets: Sequence[float] = (),
     held: float | None = None,
     campaign: Campaign | None = None,
 ) -> tuple[Comparison, ...]:
-    """For each problem, measure and target: the best of the family ``subject`` against the best of all others.
+    """For each problem, measure and target: the best of the family ``SUBJECT`` against the best of all others.
 
     With ``held`` only runs count whose position and velocity drift stay within it, and problems with constraints.  What is
     level, and the errors that were asked for, are those of the ``campaign``, which follows from ``rows`` if it is not given.
     """
-    result = []
     whole = campaign or campaign_of(rows)
-    targets = targets or whole.targets
-    level = {"time": whole.level, "evaluations": 1.0}
-    for measure in MEASURES:
-        for front in fronts(rows, measure, targets, held):
-            if held is not None and not front.levels:
-                continue
-            own = [cost for cost in front.costs if family(cost.entry) == subject]
-            others = [cost for cost in front.costs if family(cost.entry) != subject]
-            result.append(
-                Comparison(
-                    problem=front.problem,
-                    measure=measure,
-                    target=front.target,
-                    subject=own[0] if own else None,
-                    rival=others[0] if others else None,
-                    missing=front.missing,
-                    family=subject,
-                    level=level[measure],
-                    held=held,
-                )
-            )
+    found = [
+        Comparison(**vars(front), level=level)
+        for measure, level in (("time", whole.level), ("evaluations", 1.0))
+        for front in fronts(rows, measure, targets or whole.targets, held)
+        if held is None or front.levels
+    ]
     order = {problem: index for index, problem in enumerate(problems(rows))}
-    return tuple(sorted(result, key=lambda line: order[line.problem]))
+    return tuple(sorted(found, key=lambda line: order[line.problem]))
 
 
 def _error(run: Point) -> float:

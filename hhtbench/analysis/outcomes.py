@@ -1,4 +1,4 @@
-"""What failed and why, and on which machine."""
+"""What failed and why, on which machine, and which rows stand for cells that the store holds more than once."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 from hhtbench.analysis.cells import DOUBTED, by_entry, point
 from hhtbench.store.rows import RunRow
 
+ASKED = ("rtol", "atol", "step", "steps")  # what makes two requests the same point of a curve
 NUMBER = re.compile(
     r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w])"
 )  # alone: no part of RK45; no exit code
@@ -71,3 +72,27 @@ def machines(rows: Sequence[RunRow]) -> tuple[Machine, ...]:
     kept = {str(sorted(row.environment.items())): row.environment for row in rows}
     counted = Counter(str(sorted(row.environment.items())) for row in rows)
     return tuple(Machine(environment=kept[text], rows=count) for text, count in counted.most_common())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Newest:
+    """The rows to report, and what was left out."""
+
+    rows: tuple[RunRow, ...]
+    left_out: int  #: older rows of cells that exist more than once
+    cells: int  #: how many cells those are
+    versions: int  #: most versions of one cell; a version is a key, the hash of specs, request, sources and libraries
+
+
+def newest(rows: Iterable[RunRow]) -> Newest:
+    """Of each (problem, solver, request) the row made last, in the order of first appearance."""
+    groups: dict[tuple[str, ...], list[RunRow]] = {}
+    for row in rows:
+        groups.setdefault((row.problem, row.solver, *(str(row.request.get(name)) for name in ASKED)), []).append(row)
+    again = [group for group in groups.values() if len(group) > 1]
+    return Newest(
+        rows=tuple(max(enumerate(group), key=lambda pair: (pair[1].created, pair[0]))[1] for group in groups.values()),
+        left_out=sum(len(group) - 1 for group in again),
+        cells=len(again),
+        versions=max((len({row.key for row in group}) for group in again), default=1),
+    )

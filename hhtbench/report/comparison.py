@@ -20,9 +20,8 @@ from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import ATLAS, FAILED, TITLE, Content, Part, content_of, environments, period
 from hhtbench.report.drawings import Drawings
-from hhtbench.report.elements import html_table, sketch
+from hhtbench.report.elements import html_table, legend, sketch
 from hhtbench.report.first_screen import decision_section, evidence_section, figure_of, overview
-from hhtbench.report.legend import legend
 from hhtbench.report.markdown import summary_page
 from hhtbench.report.rules import campaign_told
 from hhtbench.report.wording import anchor, verdict

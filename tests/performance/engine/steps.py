@@ -50,11 +50,11 @@ def line_of(case: Case, function: Any) -> dict[str, Any]:
         case.limit,
     )
     apart, start = baselines.difference(ours.end, theirs.end), found.cpu("start")
+    ways = f"; ends differ by {apart:.1e}" if case.rtol is None else f", {theirs.steps} steps of C"
     note = (
         f"{1e6 * (found.cpu('ours') - start) / ours.steps:.3g} us a step, C {1e6 * found.cpu('c') / theirs.steps:.3g} us; "
-        f"{ours.steps} and {theirs.steps} steps, {ours.end.iterations / ours.steps:.2g} and "
-        f"{theirs.end.iterations / theirs.steps:.2g} Newton iterations a step; ends differ by {apart:.1e}; "
-        f"{1e3 * start:.2g} ms before the first step"
+        f"{ours.steps} steps{ways}; {ours.end.iterations / ours.steps:.2g} and {theirs.end.iterations / theirs.steps:.2g} "
+        f"Newton iterations a step; {1e3 * start:.2g} ms before the first step"
     )
     line = {"what": case.name, "unit": "", **found.line(), "note": note}
     same = apart <= SAME if case.rtol is None else abs(theirs.steps - ours.steps) <= ALIKE * ours.steps
