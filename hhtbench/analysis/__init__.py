@@ -1,108 +1,31 @@
 """Pure functions from rows of the store to tables; no function drops a failed row."""
 
-from hhtbench.analysis.accuracy import Slope, convergence
-from hhtbench.analysis.cells import (
-    DOUBTED,
-    NEAR,
-    SUBJECT,
-    TYPICAL_ERROR,
-    Point,
-    Rules,
-    by_entry,
-    by_problem,
-    entries,
-    family,
-    number,
-    points,
-    problems,
-    typical,
-)
-from hhtbench.analysis.decision import Choice, Place, Ratio, decide
-from hhtbench.analysis.drift import (
-    DriftCost,
-    drift_costs,
-    drift_series,
-    equally_accurate,
-    invariant_names,
-    invariant_series,
-    multiplier_series,
-)
-from hhtbench.analysis.fronts import (
-    BOUNDS,
-    SAME,
-    STEADY,
-    Campaign,
-    Comparison,
-    Cost,
-    campaign_of,
-    compare,
-    fronts,
-    level_of,
-    pareto,
-    targets_of,
-)
-from hhtbench.analysis.kinds import Kind, kinds
-from hhtbench.analysis.ladder import FIRST
-from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, UNREFINED, Missing
-from hhtbench.analysis.outcomes import Newest, failures, machines, newest, silent, statuses
-from hhtbench.analysis.profile import Profile, Reach, profiles, reaches, relative_profiles
+from hhtbench.analysis.accuracy import convergence
+from hhtbench.analysis.cells import by_problem, entries, points, problems
+from hhtbench.analysis.decision import decide
+from hhtbench.analysis.drift import drift_costs, drift_series, invariant_series
+from hhtbench.analysis.fronts import compare, fronts
+from hhtbench.analysis.kinds import kinds
+from hhtbench.analysis.outcomes import failures, newest, silent, statuses
+from hhtbench.analysis.profile import profiles, reaches
 
 __all__ = [
-    "BOUNDS",
-    "DOUBTED",
-    "FIRST",
-    "NEAR",
-    "NOT_RUN",
-    "SAME",
-    "STEADY",
-    "SUBJECT",
-    "TYPICAL_ERROR",
-    "UNKNOWN",
-    "UNREFINED",
-    "Campaign",
-    "Choice",
-    "Comparison",
-    "Cost",
-    "DriftCost",
-    "Kind",
-    "Missing",
-    "Newest",
-    "Place",
-    "Point",
-    "Profile",
-    "Ratio",
-    "Reach",
-    "Rules",
-    "Slope",
-    "by_entry",
     "by_problem",
-    "campaign_of",
     "compare",
     "convergence",
     "decide",
     "drift_costs",
     "drift_series",
     "entries",
-    "equally_accurate",
     "failures",
-    "family",
     "fronts",
-    "invariant_names",
     "invariant_series",
     "kinds",
-    "level_of",
-    "machines",
-    "multiplier_series",
     "newest",
-    "number",
-    "pareto",
     "points",
     "problems",
     "profiles",
     "reaches",
-    "relative_profiles",
     "silent",
     "statuses",
-    "targets_of",
-    "typical",
 ]

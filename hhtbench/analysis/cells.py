@@ -19,17 +19,6 @@ MINIMAL = re.compile(r"minimal\(.*?\bsolver=['\"]?(\w+)")  # of the solver that 
 KEPT = "_point"  # no field: it is neither compared nor written
 CONSTANT = ", constant step"  # after a solver's spec: the curve of its runs with prescribed steps
 DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
-COUNTED = (
-    "steps_accepted",
-    "steps_rejected_error",
-    "steps_rejected_newton",
-    "newton_iterations",
-    "residual_evaluations",
-    "output_evaluations",
-    "jacobian_evaluations",
-    "factorisations",
-    "linear_solves",
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +70,7 @@ class Point:
     share: float | None  #: CPU time over wall time of the median solve
     call: float | None  #: operations of what the solver evaluates over those of a residual of the problem's equations
     evaluations: float | None  #: counted, each as ``call`` of them; as one where that is not known
-    counts: Mapping[str, float | None]  #: of each of ``COUNTED``; None, never zero, where it was not reported
+    counts: Mapping[str, float]  #: those of the row's counters that were reported
     provenance: str  #: where the counts come from
     reached: float | None  #: fraction of the interval
     position: float | None  #: largest drift at this level; None where the level does not exist or was not measured
@@ -184,7 +173,10 @@ def _reduced(row: RunRow) -> Point:
     alone = number(row.timing, "best_s")
     digits = number(row.metrics, "errors", "digits")
     compared = number(row.metrics, "errors", "points")
-    call, count = _call(row), number(row.counters, "residual_evaluations")
+    operations, residual = (number(row.metrics, "call", name) for name in ("operations", "of_residual"))
+    call = operations / residual if operations and residual else None
+    count = number(row.counters, "residual_evaluations")
+    cpu, wall = number(row.timing, "median_s"), number(row.timing, "wall_s")
     ended = row.success or row.status == DOUBTED
     drift = {name: number(row.metrics, "drift", name) for name in ("position", "velocity", "acceleration", "energy")}
     return Point(
@@ -204,17 +196,17 @@ def _reduced(row: RunRow) -> Point:
         limit=0.0 if digits is None else 10.0**-digits,
         time=_beside(row) if alone is None else alone,
         first=number(row.timing, "compile_s"),
-        repeats=_repeats(row),
+        repeats=tuple(float(value) for value in row.timing.get("rounds_s") or [] if value),
         spent=_spent(row),
         allowed=number(row.request, "max_seconds"),
         rules=rules_of(row),
         held_out=row.request.get("held_out") is True,
         alone=alone is not None,
         disturbed=row.timing.get("disturbed") is True,
-        share=_share(row),
+        share=None if cpu is None or not wall else cpu / wall,
         call=call,
         evaluations=None if count is None else count * (call or 1.0),
-        counts={name: number(row.counters, name) for name in COUNTED},
+        counts={name: value for name in row.counters if (value := number(row.counters, name)) is not None},
         provenance=str(row.counters.get("provenance") or "not reported"),
         reached=number(row.metrics, "reached"),
         absolute=number(row.metrics, "drift", "position_absolute"),
@@ -223,22 +215,12 @@ def _reduced(row: RunRow) -> Point:
     )
 
 
-def _call(row: RunRow) -> float | None:
-    own, residual = (number(row.metrics, "call", name) for name in ("operations", "of_residual"))
-    return own / residual if own and residual else None
-
-
 def rules_of(row: RunRow) -> Rules | None:
     """The campaign's rules as the row's request holds them."""
     rules = row.request.get("rules")
     if not rules:
         return None
     return Rules(**{**rules, "accuracies": tuple(rules["accuracies"])})
-
-
-def _repeats(row: RunRow) -> tuple[float, ...]:
-    found = row.timing.get("rounds_s") or []
-    return tuple(float(value) for value in found if value)
 
 
 def _beside(row: RunRow) -> float | None:
@@ -251,12 +233,6 @@ def _spent(row: RunRow) -> float | None:
     """Processor time where it is known; a solve that was killed has spent what it was allowed."""
     seconds = _beside(row)
     return number(row.request, "max_seconds") if seconds is None and row.status == "deadline" else seconds
-
-
-def _share(row: RunRow) -> float | None:
-    """Processor time over wall time; None where either is unknown."""
-    cpu, wall = number(row.timing, "median_s"), number(row.timing, "wall_s")
-    return None if cpu is None or not wall else cpu / wall
 
 
 def points(rows: Iterable[RunRow]) -> tuple[Point, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from hhtbench.analysis import DOUBTED, points
+from hhtbench.analysis.cells import DOUBTED, points
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.specs import parse_spec
 from hhtbench.store.rows import RunRow

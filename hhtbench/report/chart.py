@@ -48,7 +48,7 @@ def draw(chart: Chart, styles: Mapping[str, SolverStyle]) -> dict[str, Any]:
         _end_ticks(x_axis, frame.x[1], frame.right)
     if chart.logarithmic_y:
         _end_ticks(y_axis, frame.y[1], frame.top)
-    layout = layout_of(x_axis, y_axis) | {"shapes": _strips(chart, frame), "annotations": _labels(chart, frame)}
+    layout = layout_of(x_axis, y_axis) | _edges(chart, frame)
     return {"data": data, "layout": layout, "front": [entry for entry in styles if entry in chart.front]}
 
 
@@ -158,33 +158,24 @@ def _symbol(mark: EdgeMark, style: SolverStyle) -> str:
     return "triangle-down-open" if mark.y == 0 else STATUS_SYMBOLS.get(mark.status, OTHER_SYMBOL)
 
 
-def _strips(chart: Chart, frame: Frame) -> list[dict[str, Any]]:
-    fill = {"type": "rect", "fillcolor": "#f3f1ec", "line": {"width": 0}, "layer": "below"}
-    strips = []
+def _edges(chart: Chart, frame: Frame) -> dict[str, Any]:
+    """The strips for marks and the line below which the reference cannot judge, with what stands at them."""
+    strip = {"type": "rect", "fillcolor": "#f3f1ec", "line": {"width": 0}, "layer": "below", "yref": "paper", "y1": 1}
+    small = {"showarrow": False, "font": {"size": 11, "color": "#5f5b52"}, "xref": "paper", "yanchor": "bottom"}
+    shapes, labels = [], []
     if frame.top > frame.y[1]:
         height = (frame.y[1] - frame.y[0]) / (frame.top - frame.y[0])
-        strips.append(fill | {"xref": "paper", "x0": 0, "x1": 1, "yref": "paper", "y0": height, "y1": 1})
+        shapes.append(strip | {"xref": "paper", "x0": 0, "x1": 1, "y0": height})
+        labels.append(small | {"text": chart.edge, "x": 0, "xanchor": "left", "yref": "paper", "y": 1})
     if frame.right > frame.x[1]:
         width = (frame.x[1] - frame.x[0]) / (frame.right - frame.x[0])
-        strips.append(fill | {"xref": "paper", "x0": width, "x1": 1, "yref": "paper", "y0": 0, "y1": 1})
+        shapes.append(strip | {"xref": "paper", "x0": width, "x1": 1, "y0": 0})
+        labels.append(small | {"text": "no result or count", "x": 1, "xanchor": "right", "yref": "paper", "y": 0})
     if chart.limit_matters:
         line = {"color": colours.GUIDE, "width": 1.5, "dash": "dash"}
-        strips.append(
+        shapes.append(
             {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": chart.limit, "y1": chart.limit, "line": line}
         )
-    return strips
-
-
-def _labels(chart: Chart, frame: Frame) -> list[dict[str, Any]]:
-    small = {"showarrow": False, "font": {"size": 11, "color": "#5f5b52"}, "xref": "paper"}
-    labels = []
-    if frame.top > frame.y[1]:
-        labels.append(small | {"text": chart.edge, "x": 0, "xanchor": "left", "yref": "paper", "y": 1, "yanchor": "bottom"})
-    if frame.right > frame.x[1]:
-        labels.append(
-            small | {"text": "no result or count", "x": 1, "xanchor": "right", "yref": "paper", "y": 0, "yanchor": "bottom"}
-        )
-    if chart.limit_matters:
         place = {"x": 0.005, "xanchor": "left", "y": math.log10(chart.limit), "yanchor": "top"}
         labels.append(small | place | {"bgcolor": "rgba(255,255,255,0.8)", "text": "the reference cannot judge below"})
-    return labels
+    return {"shapes": shapes, "annotations": labels}

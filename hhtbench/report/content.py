@@ -8,7 +8,9 @@ from functools import partial
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, Campaign, Kind
+from hhtbench.analysis.fronts import BOUNDS, Campaign, campaign_of
+from hhtbench.analysis.kinds import Kind
+from hhtbench.analysis.outcomes import machines
 from hhtbench.report import contest, runs
 from hhtbench.report.atlas import Atlas, failure_atlas
 from hhtbench.report.decisions import decisions, reading
@@ -87,7 +89,7 @@ class Content:
 def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
     """Of all rows of a store, older versions of a cell among them."""
     found = analysis.newest(rows)
-    whole, kinds = analysis.campaign_of(found.rows), analysis.kinds(found.rows)
+    whole, kinds = campaign_of(found.rows), analysis.kinds(found.rows)
     return Content(
         rows=found.rows,
         losses=losses,
@@ -117,7 +119,7 @@ def _part(name: str, rows: Sequence[RunRow], whole: Campaign) -> Part:
 
 def environments(rows: Sequence[RunRow]) -> list[str]:
     """Machine and versions: a line for each environment that the rows came from, the commonest first."""
-    found = analysis.machines(rows)
+    found = machines(rows)
     lines = [{**({"rows": one.rows} if len(found) > 1 else {}), **one.environment} for one in found]
     return [", ".join(f"{name} {value}" for name, value in line.items()) for line in lines] or ["Not recorded."]
 

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, Campaign, Comparison, Cost
+from hhtbench.analysis.fronts import BOUNDS, Campaign, Comparison, Cost, campaign_of
+from hhtbench.analysis.missing import Missing
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.words import (
     AT_MOST,
@@ -41,7 +42,7 @@ MARKS = {"wins": "won", "loses": "lost", "level": "level", "alone": "alone", "un
 def balance(rows: Sequence[RunRow]) -> Table:
     """On how many problems HHT wins and loses: one line for each bound of the drift and measure, one column an error."""
     body: list[list[str | Cell]] = []
-    whole = analysis.campaign_of(rows)
+    whole = campaign_of(rows)
     targets = whole.targets
     for bound in BOUNDS:
         lines = analysis.compare(rows, held=bound, campaign=whole)
@@ -77,7 +78,7 @@ def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
     Bounds that change nothing share a line.
     """
     body: list[list[str | Cell]] = []
-    whole = campaign or analysis.campaign_of(rows)
+    whole = campaign or campaign_of(rows)
     compared = {bound: analysis.compare(rows, held=bound, campaign=whole) for bound in BOUNDS}
     for problem in analysis.problems(rows):
         for measure in MEASURES:
@@ -139,7 +140,7 @@ def _cost(cost: Cost, measure: str) -> str:
 
 def cheapest(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
     """Who reaches each error most cheaply on one problem."""
-    targets = (campaign or analysis.campaign_of(rows)).targets
+    targets = (campaign or campaign_of(rows)).targets
     body = []
     for measure in MEASURES:
         for front in analysis.fronts(rows, measure, targets):
@@ -159,7 +160,7 @@ def _stars(rows: Sequence[RunRow]) -> str:
     return f" *: {STAR}." if disturbed else ""
 
 
-def _grouped(missing: Mapping[str, analysis.Missing]) -> str:
+def _grouped(missing: Mapping[str, Missing]) -> str:
     """``3 a stated cap, 1 failed``; the reason itself where all share one, and of whom where it is one."""
     reasons = list(missing.values())
     texts = {reason.text for reason in reasons}

@@ -70,13 +70,11 @@ def markdown_table(table: Table) -> list[str]:
 
 
 def _table(evidence: Evidence, rows: Sequence[Row]) -> str:
-    escaped = tuple(replace(row, **_escaped(row)) for row in rows)
-    return replace(evidence, rows=escaped).table("github")
-
-
-def _escaped(row: Row) -> dict[str, Any]:
-    texts = {name: getattr(row, name) for name in ("id", "claim", "measured", "bound")}
-    return {name: escape_text(text) for name, text in texts.items() if isinstance(text, str)}
+    escaped = []
+    for row in rows:
+        texts: dict[str, Any] = {name: escape_text(text) for name, text in vars(row).items() if isinstance(text, str)}
+        escaped.append(replace(row, **texts))
+    return replace(evidence, rows=tuple(escaped)).table("github")
 
 
 def _links(plots: Sequence[Plot]) -> list[str]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hhtbench import analysis
-from hhtbench.analysis import DOUBTED, NEAR, TYPICAL_ERROR, Point
+from hhtbench.analysis.accuracy import Slope
+from hhtbench.analysis.cells import DOUBTED, NEAR, TYPICAL_ERROR, Point, by_entry, typical
+from hhtbench.analysis.drift import equally_accurate
 from hhtbench.report.colours import solver_order
 from hhtbench.report.tables import Cell, Table, make_table, ordered
 from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, shown, timed
@@ -37,7 +39,7 @@ def side_by_side(rows: Sequence[RunRow]) -> Table:
     return make_table([*RUN_HEADERS, "slope"], ordered(body), note)
 
 
-def slope_text(slope: analysis.Slope | None) -> str:
+def slope_text(slope: Slope | None) -> str:
     """Value and spread."""
     return NOTHING if slope is None else f"{slope.value:.2f} \N{PLUS-MINUS SIGN} {slope.spread:.2f}"
 
@@ -48,7 +50,7 @@ def counter_table(rows: Sequence[RunRow]) -> Table:
     body: list[list[str | Cell]] = []
     sources: dict[str, list[str]] = {}
     for run in chosen:
-        counts = [count(run.counts[name]) for name in COUNTS]
+        counts = [count(run.counts.get(name)) for name in COUNTS]
         body.append([run.entry, run.setting.text, *counts, timed(run), seconds(run.first)])
         sources.setdefault(run.provenance, []).append(run.entry)
     headers = ["solver", "setting", *COUNTS.values(), "time", "first solve"]
@@ -84,8 +86,8 @@ def _run_cells(run: Point) -> list[str | Cell]:
         *map(bracketed, (run.error if run.doubted is None else run.doubted, run.lam, run.mu)),
         *map(brief, (run.position, run.absolute, run.velocity, run.acceleration, run.energy)),
         timed(run),
-        count(run.counts["steps_accepted"]),
-        count(run.counts["residual_evaluations"]),
+        count(run.counts.get("steps_accepted")),
+        count(run.counts.get("residual_evaluations")),
     ]
 
 
@@ -116,7 +118,7 @@ def _marks(runs: Sequence[Point]) -> str:
 def typical_runs(rows: Sequence[RunRow]) -> list[Point]:
     """On one problem the one run of each solver that is set beside the others', in the order of the rows."""
     runs = analysis.points(rows)
-    keys = {analysis.typical(own).key for own in analysis.by_entry(runs).values()}
+    keys = {typical(own).key for own in by_entry(runs).values()}
     return [run for run in runs if run.key in keys]
 
 
@@ -144,7 +146,7 @@ def _counted(rows: Sequence[RunRow]) -> str:
 def equal_drift(rows: Sequence[RunRow]) -> Table:
     """For every solver the largest drift among its runs of one accuracy, and where it was."""
     total = len(analysis.problems(rows))
-    found = analysis.equally_accurate(rows)
+    found = equally_accurate(rows)
     body: list[list[str | Cell]] = []
     for entry in solver_order(found):
         runs = found[entry]

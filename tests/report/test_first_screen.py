@@ -6,7 +6,8 @@ from dataclasses import replace
 import pytest
 
 from hhtbench import analysis
-from hhtbench.analysis import Campaign, Kind
+from hhtbench.analysis.fronts import Campaign
+from hhtbench.analysis.kinds import Kind
 from hhtbench.report import write_comparison
 from hhtbench.report.atlas import DECLINED, SILENT, failure_atlas
 from hhtbench.report.chart import draw

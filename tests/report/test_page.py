@@ -12,6 +12,7 @@ import pytest
 from plotly.offline import get_plotlyjs_version
 
 from hhtbench import analysis
+from hhtbench.analysis.fronts import campaign_of
 from hhtbench.errors import ProblemError
 from hhtbench.report import content_of, contest, summary_page, write_comparison
 from hhtbench.report.atlas import failure_atlas
@@ -255,7 +256,7 @@ def test_summary_holds_the_first_table_the_balance_the_failures_the_verdict_and_
         "cores 2",
     ):
         assert part in text
-    table = decisions(rows, analysis.kinds(rows), analysis.campaign_of(rows))["time", None]
+    table = decisions(rows, analysis.kinds(rows), campaign_of(rows))["time", None]
     assert all(escape_text(f"{cell.text} {cell.detail}") in text for line in table.rows for cell in line)
     assert failure_atlas(rows).causes().note in text
 

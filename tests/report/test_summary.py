@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import compare, equally_accurate, family
+from hhtbench.analysis import compare
+from hhtbench.analysis.cells import family
+from hhtbench.analysis.drift import equally_accurate
 from hhtbench.report import words
 from hhtbench.report.summary import problem_summary, summary
 from hhtbench.report.words import times

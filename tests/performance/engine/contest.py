@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from hhtbench import load_problem, load_solver
-from hhtbench.analysis import STEADY, SUBJECT, Cost, Point, by_entry, family, fronts, pareto, points
-from hhtbench.analysis.fronts import Front, constrained_levels, cost_at, holds
+from hhtbench.analysis import fronts, points
+from hhtbench.analysis.cells import SUBJECT, Point, by_entry, family
+from hhtbench.analysis.fronts import STEADY, Cost, Front, constrained_levels, cost_at, holds, pareto
 from hhtbench.campaign import Campaign, Grid, run_campaign
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.run import request_of, without_output
