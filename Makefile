@@ -1,8 +1,8 @@
 # make bench    measure the claims of the HHT paper, compare the solvers; the report goes to reports/latest
 # make test     style, types, arrows between the rooms, tests
 # make bench-chain  whole solves and memory on chains of 1 to 10,000 links, beside Exudyn's
-# make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error;
-#               all numbers go to reports/latest/speed.json, the report shows them beside the comparison (12 minutes)
+# make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error:
+#               reports/latest/speed.html, which the report links (a quarter of an hour)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make test-faults  the store and the runner of campaigns under faults: 50 kills, signals, disks that fail, power that is
 #               lost at any write, flipped bits, clocks that jump, workers that hang, abort, flood, leak (needs a C compiler)

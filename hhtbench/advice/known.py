@@ -10,8 +10,9 @@ from hhtbench.advice.database import foreign, versions_of
 from hhtbench.advice.standing import Standing
 from hhtbench.advice.verdict import as_run
 from hhtbench.advice.wish import Wish
-from hhtbench.analysis import UNKNOWN, newest
 from hhtbench.analysis.fronts import Front
+from hhtbench.analysis.missing import UNKNOWN
+from hhtbench.analysis.outcomes import newest
 from hhtbench.campaign.machine import clock_of
 from hhtbench.campaign.plan import outdated
 from hhtbench.store import RunRow, load_rows

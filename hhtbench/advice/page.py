@@ -12,6 +12,7 @@ from hhtbench.report import colours
 from hhtbench.report.chart import draw
 from hhtbench.report.charts import PRECISION, problem_charts
 from hhtbench.report.drawings import Drawings
+from hhtbench.report.figures import show_legend
 from hhtbench.report.frame import Chart
 from hhtbench.store import RunRow
 
@@ -30,7 +31,7 @@ pre {{ overflow-x: auto; font-size: 13px }}</style></head>
 
 def trade_charts(rows: Sequence[RunRow]) -> list[Chart]:
     """Error against time, evaluations and, where there are constraints, drift; ``rows`` are those of one problem."""
-    return [chart for chart in problem_charts(rows, rows[0].problem) if chart.group == PRECISION] if rows else []
+    return [chart for chart in problem_charts(rows) if chart.group == PRECISION] if rows else []
 
 
 def write_page(rows: Sequence[RunRow], title: str, sentence: str, table: str, file: Path) -> None:
@@ -51,10 +52,7 @@ def write_page(rows: Sequence[RunRow], title: str, sentence: str, table: str, fi
 
 def _box(chart: Chart, styles: Mapping[str, colours.SolverStyle], drawings: Drawings) -> str:
     """Title and place of a chart, whose legend names each solver once."""
-    figure = draw(chart, dict(styles))
-    named = {trace.entry for trace in chart.traces}
-    for trace in figure["data"]:
-        trace["showlegend"] = trace["name"] in named and trace["mode"] != "markers"
-    figure["layout"] |= {"title": {"text": escape(chart.title)}, "showlegend": True}
+    figure = show_legend(draw(chart, styles), chart)
+    figure["layout"] |= {"title": {"text": escape(chart.title)}}
     figure["layout"]["margin"] |= {"t": 60}
     return drawings.box(figure, figure["layout"]["height"])

@@ -1,121 +1,31 @@
 """Pure functions from rows of the store to tables; no function drops a failed row."""
 
-from hhtbench.analysis.accuracy import Slope, convergence, entries, multipliers, work_precision
-from hhtbench.analysis.cells import (
-    DOUBTED,
-    NEAR,
-    SUBJECT,
-    TYPICAL_ERROR,
-    Point,
-    Rules,
-    by_entry,
-    family,
-    number,
-    points,
-    problems,
-    typical,
-)
-from hhtbench.analysis.decision import Choice, Place, Ratio, decide
-from hhtbench.analysis.drift import (
-    drift,
-    drift_series,
-    equally_accurate,
-    invariant_names,
-    invariant_series,
-    multiplier_series,
-)
-from hhtbench.analysis.drift_cost import DriftCost, drift_costs
-from hhtbench.analysis.fronts import (
-    BOUNDS,
-    SAME,
-    TARGETS,
-    Campaign,
-    Comparison,
-    Cost,
-    campaign_of,
-    compare,
-    constrained_levels,
-    fronts,
-    level_of,
-    pareto,
-    targets_of,
-)
-from hhtbench.analysis.kinds import Kind, kinds
-from hhtbench.analysis.ladder import FIRST, End, Next, next_setting
-from hhtbench.analysis.missing import NOT_RUN, UNKNOWN, UNREFINED, Missing
-from hhtbench.analysis.newest import Newest, newest
-from hhtbench.analysis.outcomes import Failure, counters, failures, machines, silent, statuses
-from hhtbench.analysis.profile import Profile, Reach, profiles, reaches, relative_profiles
-from hhtbench.analysis.race import RACE_TARGETS, STEADY, Race, race
+from hhtbench.analysis.accuracy import convergence
+from hhtbench.analysis.cells import by_problem, entries, points, problems
+from hhtbench.analysis.decision import decide
+from hhtbench.analysis.drift import drift_costs, drift_series, invariant_series
+from hhtbench.analysis.fronts import compare, fronts
+from hhtbench.analysis.kinds import kinds
+from hhtbench.analysis.outcomes import failures, newest, silent, statuses
+from hhtbench.analysis.profile import profiles, reaches
 
 __all__ = [
-    "BOUNDS",
-    "DOUBTED",
-    "FIRST",
-    "NEAR",
-    "NOT_RUN",
-    "RACE_TARGETS",
-    "SAME",
-    "STEADY",
-    "SUBJECT",
-    "TARGETS",
-    "TYPICAL_ERROR",
-    "UNKNOWN",
-    "UNREFINED",
-    "Campaign",
-    "Choice",
-    "Comparison",
-    "Cost",
-    "DriftCost",
-    "End",
-    "Failure",
-    "Kind",
-    "Missing",
-    "Newest",
-    "Next",
-    "Place",
-    "Point",
-    "Profile",
-    "Race",
-    "Ratio",
-    "Reach",
-    "Rules",
-    "Slope",
-    "by_entry",
-    "campaign_of",
+    "by_problem",
     "compare",
-    "constrained_levels",
     "convergence",
-    "counters",
     "decide",
-    "drift",
     "drift_costs",
     "drift_series",
     "entries",
-    "equally_accurate",
     "failures",
-    "family",
     "fronts",
-    "invariant_names",
     "invariant_series",
     "kinds",
-    "level_of",
-    "machines",
-    "multiplier_series",
-    "multipliers",
     "newest",
-    "next_setting",
-    "number",
-    "pareto",
     "points",
     "problems",
     "profiles",
-    "race",
     "reaches",
-    "relative_profiles",
     "silent",
     "statuses",
-    "targets_of",
-    "typical",
-    "work_precision",
 ]

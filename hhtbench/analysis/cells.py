@@ -54,9 +54,12 @@ class Point:
     success: bool
     error: float | None  #: :func:`state_error`; None where the run failed or nothing was compared
     doubted: float | None  #: error of a run that came to an end but is not believed; shown, never ranked
+    lam: float | None  #: scaled error of the multipliers of position constraints, also of a run that is not believed
+    mu: float | None  #: the same of velocity constraints
     compared: int | None  #: number of times at which the error was taken
     limit: float  #: error below which the reference cannot judge; 0 for an exact solution
     time: float | None  #: processor time of one solve [s]
+    first: float | None  #: time of a solve before all others, compilation included [s]
     repeats: tuple[float, ...]  #: the same of every repeat, taken at different times [s]
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
     allowed: float | None  #: what the solve was allowed [s]
@@ -67,9 +70,15 @@ class Point:
     share: float | None  #: CPU time over wall time of the median solve
     call: float | None  #: operations of what the solver evaluates over those of a residual of the problem's equations
     evaluations: float | None  #: counted, each as ``call`` of them; as one where that is not known
-    position: float | None  #: largest drift at this level
+    counts: Mapping[str, float]  #: those of the row's counters that were reported
+    provenance: str  #: where the counts come from
+    reached: float | None  #: fraction of the interval
+    position: float | None  #: largest drift at this level; None where the level does not exist or was not measured
     velocity: float | None
+    acceleration: float | None
+    energy: float | None
     absolute: float | None  #: largest |g_i| in its own unit
+    note: str  #: why the acceleration level was not measured
 
     def work(self, measure: str) -> float | None:
         """``time`` [s] or ``evaluations``."""
@@ -164,7 +173,12 @@ def _reduced(row: RunRow) -> Point:
     alone = number(row.timing, "best_s")
     digits = number(row.metrics, "errors", "digits")
     compared = number(row.metrics, "errors", "points")
-    call, count = _call(row), number(row.counters, "residual_evaluations")
+    operations, residual = (number(row.metrics, "call", name) for name in ("operations", "of_residual"))
+    call = operations / residual if operations and residual else None
+    count = number(row.counters, "residual_evaluations")
+    cpu, wall = number(row.timing, "median_s"), number(row.timing, "wall_s")
+    ended = row.success or row.status == DOUBTED
+    drift = {name: number(row.metrics, "drift", name) for name in ("position", "velocity", "acceleration", "energy")}
     return Point(
         key=row.key,
         problem=row.problem,
@@ -176,28 +190,29 @@ def _reduced(row: RunRow) -> Point:
         success=row.success,
         error=state_error(row) if row.success else None,
         doubted=state_error(row) if row.status == DOUBTED else None,
+        lam=number(row.metrics, "errors", "lam", "max_scaled") if ended else None,
+        mu=number(row.metrics, "errors", "mu", "max_scaled") if ended else None,
         compared=None if compared is None else int(compared),
         limit=0.0 if digits is None else 10.0**-digits,
         time=_beside(row) if alone is None else alone,
-        repeats=_repeats(row),
+        first=number(row.timing, "compile_s"),
+        repeats=tuple(float(value) for value in row.timing.get("rounds_s") or [] if value),
         spent=_spent(row),
         allowed=number(row.request, "max_seconds"),
         rules=rules_of(row),
         held_out=row.request.get("held_out") is True,
         alone=alone is not None,
         disturbed=row.timing.get("disturbed") is True,
-        share=_share(row),
+        share=None if cpu is None or not wall else cpu / wall,
         call=call,
         evaluations=None if count is None else count * (call or 1.0),
-        position=number(row.metrics, "drift", "position"),
-        velocity=number(row.metrics, "drift", "velocity"),
+        counts={name: value for name in row.counters if (value := number(row.counters, name)) is not None},
+        provenance=str(row.counters.get("provenance") or "not reported"),
+        reached=number(row.metrics, "reached"),
         absolute=number(row.metrics, "drift", "position_absolute"),
+        note=(row.metrics.get("drift") or {}).get("acceleration_note") or "",
+        **drift,
     )
-
-
-def _call(row: RunRow) -> float | None:
-    own, residual = (number(row.metrics, "call", name) for name in ("operations", "of_residual"))
-    return own / residual if own and residual else None
 
 
 def rules_of(row: RunRow) -> Rules | None:
@@ -206,11 +221,6 @@ def rules_of(row: RunRow) -> Rules | None:
     if not rules:
         return None
     return Rules(**{**rules, "accuracies": tuple(rules["accuracies"])})
-
-
-def _repeats(row: RunRow) -> tuple[float, ...]:
-    found = row.timing.get("rounds_s") or []
-    return tuple(float(value) for value in found if value)
 
 
 def _beside(row: RunRow) -> float | None:
@@ -223,12 +233,6 @@ def _spent(row: RunRow) -> float | None:
     """Processor time where it is known; a solve that was killed has spent what it was allowed."""
     seconds = _beside(row)
     return number(row.request, "max_seconds") if seconds is None and row.status == "deadline" else seconds
-
-
-def _share(row: RunRow) -> float | None:
-    """Processor time over wall time; None where either is unknown."""
-    cpu, wall = number(row.timing, "median_s"), number(row.timing, "wall_s")
-    return None if cpu is None or not wall else cpu / wall
 
 
 def points(rows: Iterable[RunRow]) -> tuple[Point, ...]:
@@ -247,6 +251,19 @@ def by_entry(found: Iterable[Point]) -> dict[str, list[Point]]:
     for item in found:
         groups.setdefault(item.entry, []).append(item)
     return {name: sorted(group, key=lambda item: -item.setting.value) for name, group in groups.items()}
+
+
+def by_problem(found: Iterable[Point]) -> dict[str, dict[str, list[Point]]]:
+    """Points of each entry on each problem, loosest setting first: the curves of error against work."""
+    groups: dict[str, list[Point]] = {}
+    for item in found:
+        groups.setdefault(item.problem, []).append(item)
+    return {name: by_entry(group) for name, group in groups.items()}
+
+
+def entries(rows: Iterable[RunRow]) -> tuple[str, ...]:
+    """Every solver's entry, in order of first appearance."""
+    return tuple(dict.fromkeys(entry_of(row) for row in rows))
 
 
 def typical(runs: Sequence[Point], error: float = TYPICAL_ERROR) -> Point:

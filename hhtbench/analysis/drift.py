@@ -1,32 +1,18 @@
-"""Constraint drift: maxima of every run, runs of equal accuracy, series over time."""
+"""Runs of equal accuracy, and what runs have kept over time; drift against cost."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hhtbench.analysis.accuracy import work_precision
-from hhtbench.analysis.cells import NEAR, TYPICAL_ERROR, Point, number, point, typical
+from hhtbench.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, by_problem, family, point, points, typical
+from hhtbench.analysis.fronts import Cost, fronts
 from hhtbench.store.rows import RunRow
 
 MOST_COMPONENTS = 3  # of the multipliers drawn over time: more lines cannot be told apart
-
-
-@dataclass(frozen=True, kw_only=True)
-class DriftRow:
-    """Largest drift of one run; None where the level does not exist or nothing was measured."""
-
-    point: Point
-    position: float | None
-    velocity: float | None
-    acceleration: float | None
-    energy: float | None
-    invariants: Mapping[str, float] = field(default_factory=dict)
-    sampled: str = ""  #: "steps" (every internal step) or "rows" (output times only)
-    note: str = ""  #: why the acceleration level was not measured
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,40 +25,21 @@ class TimeSeries:
     component: int | None = None  #: of a vector, from 0
 
 
-def drift(rows: Iterable[RunRow]) -> tuple[DriftRow, ...]:
-    """One line a row, in their order."""
-    return tuple(_line(row) for row in rows)
-
-
-def _line(row: RunRow) -> DriftRow:
-    found = row.metrics.get("drift") or {}
-    invariants = {name: number(found, "invariants", name) for name in found.get("invariants") or {}}
-    return DriftRow(
-        point=point(row),
-        position=number(found, "position"),
-        velocity=number(found, "velocity"),
-        acceleration=number(found, "acceleration"),
-        energy=number(found, "energy"),
-        invariants={name: value for name, value in invariants.items() if value is not None},
-        sampled=found.get("sampled") or "",
-        note=found.get("acceleration_note") or "",
-    )
-
-
 def equally_accurate(rows: Iterable[RunRow], error: float = TYPICAL_ERROR) -> dict[str, tuple[Point, ...]]:
     """Entry -> on each problem its run nearest to ``error``, where that is within the factor ``NEAR`` of it."""
     found: dict[str, tuple[Point, ...]] = {}
-    for curve in work_precision(rows):
-        run = typical(curve.points, error)
-        near = run.error is not None and error / NEAR <= run.error <= error * NEAR
-        found[curve.entry] = (*found.get(curve.entry, ()), *((run,) if near else ()))
+    for groups in by_problem(points(rows)).values():
+        for entry, runs in groups.items():
+            run = typical(runs, error)
+            near = run.error is not None and error / NEAR <= run.error <= error * NEAR
+            found[entry] = (*found.get(entry, ()), *((run,) if near else ()))
     return found
 
 
 def drift_series(rows: Iterable[RunRow], level: str) -> tuple[TimeSeries, ...]:
     """Drift over time at one level (or energy), of the rows that kept any; the acceleration level where it was measured."""
     if level == "acceleration":
-        measured = [row for row in rows if number(row.metrics, "drift", "acceleration") is not None]
+        measured = [row for row in rows if point(row).acceleration is not None]
         return _series((row, row.series.get("acceleration") or {}, "value") for row in measured)
     return _series((row, row.series.get("drift") or {}, level) for row in rows)
 
@@ -118,3 +85,38 @@ def multiplier_series(rows: Sequence[RunRow], name: str) -> tuple[TimeSeries, ..
         for row, t, values in kept
         for index in chosen
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriftCost:
+    """One solver on one problem, at one error."""
+
+    problem: str
+    cost: Cost
+    own: Cost  #: of HHT's cheapest entry
+    drift: float  #: the larger of position and velocity, scaled, of the run at the accurate end
+
+    @property
+    def ratio(self) -> float:
+        """Its cost over that of HHT's cheapest entry."""
+        return self.cost.value / self.own.value
+
+    @property
+    def bound(self) -> bool:
+        """Whether either cost is only an upper bound, so that the ratio is none of costs at this error."""
+        return self.cost.bound or self.own.bound
+
+
+def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ERROR) -> dict[str, tuple[DriftCost, ...]]:
+    """Entry -> one for each problem with constraints where both it and HHT reach ``target``."""
+    found: dict[str, list[DriftCost]] = {}
+    for front in fronts(rows, measure, (target,)):
+        own = next((cost for cost in front.costs if family(cost.entry) == SUBJECT), None)
+        if own is None:
+            continue
+        for cost in front.costs:
+            levels = [value for value in (cost.run.position, cost.run.velocity) if value is not None]
+            if levels:
+                line = DriftCost(problem=front.problem, cost=cost, own=own, drift=max(levels))
+                found.setdefault(cost.entry, []).append(line)
+    return {entry: tuple(lines) for entry, lines in found.items()}

@@ -7,15 +7,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from hhtbench.analysis.cells import SUBJECT, Point, by_entry, family, points, problems
+from hhtbench.analysis.cells import SUBJECT, Point, by_problem, family, points, problems
 from hhtbench.analysis.missing import UNKNOWN, UNREFINED, Missing, drifting, unjudged, why_missing
 from hhtbench.store.rows import RunRow
 
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # achieved scaled errors, where the rows name none
 BOUNDS = (None, 1e-6, 1e-10)  # of the drift: none, what many engineers need, what only projection and HHT keep
 MEASURES = ("time", "evaluations")
+STEADY = 1e-10  # drift, scaled, of both levels up to which a run holds the constraints
 SAME = 0.995  # of the repeats of one solve that differ by less than what is level; 99 % of comparisons must
-DRIFT_FLOOR = 2.0**-52  # smaller drifts are rounding; a ratio is formed with this instead
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,18 +46,20 @@ class Front:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Comparison:
+class Comparison(Front):
     """The best entry of the subject against the best other solver."""
 
-    problem: str
-    measure: str
-    target: float
-    subject: Cost | None
-    rival: Cost | None
-    missing: dict[str, Missing]
-    family: str  #: of the subject
     level: float = 1.0  #: factors up to it are level: repeats of one solve differ by as much
-    held: float | None = None  #: bound of the drift of the runs that count
+
+    @property
+    def subject(self) -> Cost | None:
+        """The cheapest of the subject's entries."""
+        return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
+
+    @property
+    def rival(self) -> Cost | None:
+        """The cheapest of all others."""
+        return next((cost for cost in self.costs if family(cost.entry) != SUBJECT), None)
 
     @property
     def factor(self) -> float | None:
@@ -97,14 +99,7 @@ class Comparison:
 
     def _reasons(self, *, own: bool) -> list[Missing]:
         """Of the subject's entries, or of all others'."""
-        return [reason for entry, reason in self.missing.items() if (family(entry) == self.family) is own]
-
-    def drift_ratio(self, level: str) -> float | None:
-        """The rival's drift over the subject's at ``level``; None where either is unknown."""
-        if self.subject is None or self.rival is None:
-            return None
-        mine, other = getattr(self.subject.run, level), getattr(self.rival.run, level)
-        return None if mine is None or other is None else max(other, DRIFT_FLOOR) / max(mine, DRIFT_FLOOR)
+        return [reason for entry, reason in self.missing.items() if (family(entry) == SUBJECT) is own]
 
 
 def pareto(runs: Iterable[Point], measure: str) -> tuple[Point, ...]:
@@ -153,8 +148,7 @@ def fronts(
     found = points(rows)
     targets = targets or targets_of(found)
     result = []
-    for problem in dict.fromkeys(run.problem for run in found):
-        groups = by_entry(run for run in found if run.problem == problem)
+    for problem, groups in by_problem(found).items():
         limit = max((run.limit for group in groups.values() for run in group), default=0.0)
         result += [_front(problem, measure, target, groups, limit, held) for target in targets]
     return tuple(result)
@@ -218,43 +212,24 @@ def campaign_of(rows: Iterable[RunRow]) -> Campaign:
 
 def compare(
     rows: Sequence[RunRow],
-    subject: str = SUBJECT,
     targets: Sequence[float] = (),
     held: float | None = None,
-    problem: str | None = None,
     campaign: Campaign | None = None,
 ) -> tuple[Comparison, ...]:
-    """For each problem, or one, measure and target: the best of the family ``subject`` against the best of all others.
+    """For each problem, measure and target: the best of the family ``SUBJECT`` against the best of all others.
 
     With ``held`` only runs count whose position and velocity drift stay within it, and problems with constraints.  What is
     level, and the errors that were asked for, are those of the ``campaign``, which follows from ``rows`` if it is not given.
     """
-    result = []
     whole = campaign or campaign_of(rows)
-    targets = targets or whole.targets
-    level = {"time": whole.level, "evaluations": 1.0}
-    own_rows = [row for row in rows if problem in (None, row.problem)]
-    for measure in MEASURES:
-        for front in fronts(own_rows, measure, targets, held):
-            if held is not None and not front.levels:
-                continue
-            own = [cost for cost in front.costs if family(cost.entry) == subject]
-            others = [cost for cost in front.costs if family(cost.entry) != subject]
-            result.append(
-                Comparison(
-                    problem=front.problem,
-                    measure=measure,
-                    target=front.target,
-                    subject=own[0] if own else None,
-                    rival=others[0] if others else None,
-                    missing=front.missing,
-                    family=subject,
-                    level=level[measure],
-                    held=held,
-                )
-            )
+    found = [
+        Comparison(**vars(front), level=level)
+        for measure, level in (("time", whole.level), ("evaluations", 1.0))
+        for front in fronts(rows, measure, targets or whole.targets, held)
+        if held is None or front.levels
+    ]
     order = {problem: index for index, problem in enumerate(problems(rows))}
-    return tuple(sorted(result, key=lambda line: order[line.problem]))
+    return tuple(sorted(found, key=lambda line: order[line.problem]))
 
 
 def _error(run: Point) -> float:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from hhtbench.analysis.cells import Point, kind_of
 from hhtbench.analysis.ladder import Next, next_setting
 
-NOT_RUN = "not run"  # status of a run for which `make bench-engine` had no time: it says nothing about the solver
+NOT_RUN = "not run"  # kind of a solver without rows on a problem
 UNREFINED = ("unfinished", "not asked")  #: kinds of which no finer run was made
 UNKNOWN = (NOT_RUN, "unjudged", "uncounted", *UNREFINED)  #: kinds that say nothing about the solver
 
@@ -41,9 +41,6 @@ def drifting(accurate: Sequence[Point], bound: float) -> Missing:
 
 def why_missing(runs: Sequence[Point], measure: str) -> Missing:
     """From all runs of one solver on one problem, loosest first, none of which reaches the error."""
-    if any(run.status == NOT_RUN for run in runs):
-        message = next(run.message for run in runs if run.status == NOT_RUN)
-        return Missing(kind=NOT_RUN, text=f"{NOT_RUN}: {message}")
     errors = [run.error for run in runs if run.error is not None]
     best = min(errors, default=None)
     if errors and not any(run.work(measure) for run in runs if run.error is not None):

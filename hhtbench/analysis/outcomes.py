@@ -1,41 +1,20 @@
-"""What was counted, what failed and why, on which machine."""
+"""What failed and why, on which machine, and which rows stand for cells that the store holds more than once."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.analysis.cells import DOUBTED, Point, by_entry, number, point
+from hhtbench.analysis.cells import DOUBTED, by_entry, point
 from hhtbench.store.rows import RunRow
 
-COUNTED = (
-    "steps_accepted",
-    "steps_rejected_error",
-    "steps_rejected_newton",
-    "newton_iterations",
-    "residual_evaluations",
-    "output_evaluations",
-    "jacobian_evaluations",
-    "factorisations",
-    "linear_solves",
-)
-
-
+ASKED = ("rtol", "atol", "step", "steps")  # what makes two requests the same point of a curve
 NUMBER = re.compile(
     r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w])"
 )  # alone: no part of RK45; no exit code
-
-
-@dataclass(frozen=True, kw_only=True)
-class CounterRow:
-    """Work of one run; a counter that was not reported is None, never zero."""
-
-    point: Point
-    counts: Mapping[str, float | None]
-    provenance: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +34,7 @@ class Failure:
     @property
     def reached(self) -> float | None:
         """Largest fraction of the interval; None for runs that are not believed."""
-        known = [] if self.status == DOUBTED else [number(row.metrics, "reached") for row in self.rows]
+        known = [] if self.status == DOUBTED else [point(row).reached for row in self.rows]
         return max((value for value in known if value is not None), default=None)
 
 
@@ -65,18 +44,6 @@ class Machine:
 
     environment: Mapping[str, Any]
     rows: int
-
-
-def counters(rows: Iterable[RunRow]) -> tuple[CounterRow, ...]:
-    """One line a row, in their order."""
-    return tuple(
-        CounterRow(
-            point=point(row),
-            counts={name: number(row.counters, name) for name in COUNTED},
-            provenance=str(row.counters.get("provenance") or "not reported"),
-        )
-        for row in rows
-    )
 
 
 def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
@@ -100,15 +67,32 @@ def statuses(rows: Iterable[RunRow]) -> dict[str, int]:
     return dict(Counter(row.status for row in rows).most_common())
 
 
-def machines(rows: Iterable[RunRow]) -> tuple[Machine, ...]:
+def machines(rows: Sequence[RunRow]) -> tuple[Machine, ...]:
     """The environments that occur, most rows first."""
-    found: list[tuple[Mapping[str, Any], int]] = []
+    kept = {str(sorted(row.environment.items())): row.environment for row in rows}
+    counted = Counter(str(sorted(row.environment.items())) for row in rows)
+    return tuple(Machine(environment=kept[text], rows=count) for text, count in counted.most_common())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Newest:
+    """The rows to report, and what was left out."""
+
+    rows: tuple[RunRow, ...]
+    left_out: int  #: older rows of cells that exist more than once
+    cells: int  #: how many cells those are
+    versions: int  #: most versions of one cell; a version is a key, the hash of specs, request, sources and libraries
+
+
+def newest(rows: Iterable[RunRow]) -> Newest:
+    """Of each (problem, solver, request) the row made last, in the order of first appearance."""
+    groups: dict[tuple[str, ...], list[RunRow]] = {}
     for row in rows:
-        for index, (environment, count) in enumerate(found):
-            if environment == row.environment:
-                found[index] = (environment, count + 1)
-                break
-        else:
-            found.append((row.environment, 1))
-    ordered = sorted(found, key=lambda pair: -pair[1])
-    return tuple(Machine(environment=environment, rows=count) for environment, count in ordered)
+        groups.setdefault((row.problem, row.solver, *(str(row.request.get(name)) for name in ASKED)), []).append(row)
+    again = [group for group in groups.values() if len(group) > 1]
+    return Newest(
+        rows=tuple(max(enumerate(group), key=lambda pair: (pair[1].created, pair[0]))[1] for group in groups.values()),
+        left_out=sum(len(group) - 1 for group in again),
+        cells=len(again),
+        versions=max((len({row.key for row in group}) for group in again), default=1),
+    )

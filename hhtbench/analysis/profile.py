@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
-from hhtbench.analysis.cells import Point, by_entry, points
+from hhtbench.analysis.cells import Point, by_problem, points
 from hhtbench.analysis.fronts import targets_of
 from hhtbench.store.rows import RunRow
 
@@ -39,11 +40,8 @@ class Profile:
 def reaches(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = ()) -> tuple[Reach, ...]:
     """One for each problem, error that can be judged, and solver of the rows; ``measure`` is "time" or "evaluations"."""
     found = points(rows)
-    targets = targets or targets_of(found)
-    groups = {
-        name: by_entry(run for run in found if run.problem == name) for name in dict.fromkeys(r.problem for r in found)
-    }
-    judged = {name: _judged(own, targets) for name, own in groups.items()}
+    groups = by_problem(found)
+    judged = {name: _judged(own, targets or targets_of(found)) for name, own in groups.items()}
     count = sum(bool(own) for own in judged.values())
     return tuple(
         _reach(runs, measure, target, 1.0 / (count * len(judged[name])))
@@ -62,18 +60,13 @@ def _judged(groups: Mapping[str, Sequence[Point]], targets: Sequence[float]) -> 
 
 
 def _reach(runs: Sequence[Point], measure: str, target: float, weight: float) -> Reach:
-    first = next((index for index, run in enumerate(runs) if _reaches(run, measure, target)), None)
     cost = search = None
-    if first is not None:
-        cost = runs[first].work(measure)
-        spent = [_spent(run, measure) for run in runs[: first + 1]]
-        search = None if None in spent else sum(value for value in spent if value is not None)
-    entry, problem = runs[0].entry, runs[0].problem
-    return Reach(problem=problem, target=target, entry=entry, weight=weight, cost=cost, search=search)
-
-
-def _reaches(run: Point, measure: str, target: float) -> bool:
-    return run.error is not None and run.error <= target and bool(run.work(measure))
+    for index, run in enumerate(runs):
+        if run.error is not None and run.error <= target and run.work(measure):
+            cost, spent = run.work(measure), [_spent(run, measure) for run in runs[: index + 1]]
+            search = None if None in spent else sum(value for value in spent if value is not None)
+            break
+    return Reach(problem=runs[0].problem, target=target, entry=runs[0].entry, weight=weight, cost=cost, search=search)
 
 
 def _spent(run: Point, measure: str) -> float | None:
@@ -112,9 +105,6 @@ def _by_entry(found: Iterable[Reach]) -> dict[str, list[Reach]]:
 
 
 def _profile(entry: str, values: Sequence[tuple[float, float]]) -> Profile:
-    shares, total = [], 0.0
     ordered = sorted(values)
-    for _, weight in ordered:
-        total += weight
-        shares.append(total)
-    return Profile(entry=entry, cost=tuple(cost for cost, _ in ordered), share=tuple(shares))
+    share = tuple(accumulate(weight for _, weight in ordered))
+    return Profile(entry=entry, cost=tuple(cost for cost, _ in ordered), share=share)

@@ -14,31 +14,33 @@ from hhtbench.output import FAILED, json_option, require_folder, shown, write_js
 
 @click.command("report")
 @click.option("--store", required=True, type=click.Path(dir_okay=False, path_type=Path), help="The campaign's rows.")
-@click.option(
-    "--folder", required=True, type=click.Path(file_okay=False, path_type=Path), help="Write index.html and report.md here."
-)
+@click.option("--folder", type=click.Path(file_okay=False, path_type=Path), help="Write index.html and summary.md here.")
 @json_option
-def report_command(store: Path, folder: Path, json_file: Path | None) -> None:
-    """Write the comparison of a campaign; a verification in the folder is shown with it.
+def report_command(store: Path, folder: Path | None, json_file: Path | None) -> None:
+    """Write the comparison of a campaign as a page; without --folder print its summary, at most 200 lines.
 
-    Rows of a damaged store that cannot be read are named, on the page too; the exit code is then 1.
-    For example: hhtbench report --store runs.sqlite --folder reports/latest
+    A verification in the folder is shown with it.  Rows of a damaged store that cannot be read are named, on the page too;
+    the exit code is then 1.  For example: hhtbench report --store runs.sqlite --folder reports/latest
     """
     with ends_at_once():
         from hhtbench.evidence import read_evidence
-        from hhtbench.report import write_comparison
+        from hhtbench.report import content_of, summary_page, write_comparison
         from hhtbench.store import sound_rows
 
     require_folder(json_file)
     rows, losses = sound_rows(store)
     if losses and not rows:
         raise ProblemError(losses)
-    claims = folder / "evidence.json"
-    evidence = read_evidence(claims) if claims.is_file() else None
-    command = f"hhtbench report --store {shown(store)} --folder {shown(folder)}"
-    content = write_comparison(rows, folder, command, evidence, losses)
+    command = f"hhtbench report --store {shown(store)}"
+    if folder is None:
+        content = content_of(rows, losses)
+        click.echo(summary_page(content, command), nl=False)
+    else:
+        claims = folder / "evidence.json"
+        evidence = read_evidence(claims) if claims.is_file() else None
+        content = write_comparison(rows, folder, f"{command} --folder {shown(folder)}", evidence, losses)
+        click.echo(f"written: {folder / 'index.html'}, {folder / 'summary.md'}")
     write_json(content.as_dict(), json_file)
-    click.echo(f"written: {folder / 'index.html'}")
     if losses:
         click.echo(f"Error: {losses}", err=True)
         sys.exit(FAILED)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from hhtbench.analysis import DOUBTED, number, points
+from hhtbench.analysis.cells import DOUBTED, points
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.specs import parse_spec
 from hhtbench.store.rows import RunRow
@@ -16,10 +16,13 @@ from hhtbench.store.rows import RunRow
 SILENT = "silently wrong"
 TOLERANCES = 1000.0  # of a success that is silently wrong: motions of the library magnify errors by up to 200
 DECLINED = "declined"
+COUNTED = (
+    "How many runs, by solver and form (lines) and by cause (columns); declined ones stand with their problem. "
+    f"Silently wrong: a success under error control that is off by more than {TOLERANCES:g} times its tolerance."
+)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Failure:
+class Failure(NamedTuple):
     """Runs of one solver and form on one problem, of one decade of accuracy, that ended in the same way."""
 
     solver: str  #: with its options, but for the form
@@ -41,22 +44,26 @@ class Atlas:
 
     def causes(self) -> Table:
         """A line a solver and form, a column a cause: how many runs."""
-        counted: Counter[str] = Counter()
+        counted, causes = Counter[tuple[str, str, str]](), Counter[str]()
         for x in self.failures:
-            counted[x.cause] += x.runs
-        causes = [cause for cause, _ in counted.most_common()]
-        lines = sorted({(x.solver, x.form) for x in self.failures})
-        rows = [[solver, form, *(str(self._runs(solver, form, cause) or "") for cause in causes)] for solver, form in lines]
-        failed = sum(x.runs for x in self.failures)
-        return make_table(["solver", "form", *causes], rows, f"{failed} of {self.runs} runs failed or are silently wrong.")
+            counted[x.solver, x.form, x.cause] += x.runs
+            causes[x.cause] += x.runs
+        named = [cause for cause, _ in causes.most_common()]
+        lines = sorted({(solver, form) for solver, form, _ in counted})
+        rows = [[*line, *(str(counted[*line, cause] or "") for cause in named)] for line in lines]
+        note = f"{causes.total()} of {self.runs} runs failed or are silently wrong."
+        return make_table(["solver", "form", *named], rows, note)
 
     def table(self) -> Table:
         """A line a failure, silently wrong ones first."""
-        ordered = sorted(self.failures, key=lambda x: (x.cause != SILENT, x.solver, x.form, x.problem, x.accuracy))
+        ordered = sorted(self.failures, key=lambda x: (x.cause != SILENT, x[:4]))
         rows: list[list[str | Cell]] = [
             [
-                *(x.solver, x.form, x.problem, x.accuracy, Cell(x.cause, "bad"), str(x.runs)),
-                *("" if x.reached is None else f"{100 * x.reached:.3g} %", x.message[:120]),
+                *x[:4],
+                Cell(x.cause, "bad"),
+                str(x.runs),
+                "" if x.reached is None else f"{100 * x.reached:.3g} %",
+                x.message[:120],
             ]
             for x in ordered
         ]
@@ -64,37 +71,21 @@ class Atlas:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {"schema": "hhtbench.atlas/1", "runs": self.runs, "failures": [asdict(x) for x in self.failures]}
-
-    def _runs(self, solver: str, form: str, cause: str) -> int:
-        return sum(x.runs for x in self.failures if (x.solver, x.form, x.cause) == (solver, form, cause))
+        return {"schema": "hhtbench.atlas/1", "runs": self.runs, "failures": [x._asdict() for x in self.failures]}
 
 
 def failure_atlas(rows: Sequence[RunRow]) -> Atlas:
     """Every run that failed, is not believed, or is off by more than a thousand tolerances and says nothing."""
-    groups: dict[_Kind, list[RunRow]] = {}
+    groups: dict[tuple[str, str, str, str, str], list[RunRow]] = {}
     for row in rows:
         cause = cause_of(row)
         if cause not in ("", DECLINED):
-            solver, form = _solver_and_form(row.solver)
-            groups.setdefault(_Kind(solver, form, row.problem, _decade(row), cause), []).append(row)
-    failures = tuple(_failure(kind, own) for kind, own in groups.items())
-    return Atlas(failures=failures, runs=sum(row.status != DECLINED for row in rows))
-
-
-class _Kind(NamedTuple):
-    """What runs of one :class:`Failure` have in common."""
-
-    solver: str
-    form: str
-    problem: str
-    accuracy: str
-    cause: str
-
-
-def _failure(kind: _Kind, rows: Sequence[RunRow]) -> Failure:
-    known = [reached for row in rows if (reached := number(row.metrics, "reached")) is not None]
-    return Failure(**kind._asdict(), runs=len(rows), reached=max(known, default=None), message=rows[0].message)
+            groups.setdefault((*_solver_and_form(row.solver), row.problem, _decade(row), cause), []).append(row)
+    failures = []
+    for kind, own in groups.items():
+        reached = max((run.reached for run in points(own) if run.reached is not None), default=None)
+        failures.append(Failure(*kind, runs=len(own), reached=reached, message=own[0].message))
+    return Atlas(failures=tuple(failures), runs=sum(row.status != DECLINED for row in rows))
 
 
 def cause_of(row: RunRow) -> str:

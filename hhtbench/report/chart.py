@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from hhtbench.report import colours
 from hhtbench.report.colours import SolverStyle
-from hhtbench.report.figures import axis
 from hhtbench.report.frame import Chart, EdgeMark, Frame, Trace, make_frame, place_of
 
 HEIGHT = 430  # pixels
+MAX_TICKS = 9  # of a logarithmic axis: labels of more are turned
 FAR = 1e-3  # of the largest time: where a run is shorter, single precision shows steps
 NARROW_DIGITS = 4  # significant digits kept for the page
 
@@ -30,7 +30,7 @@ STATUS_SYMBOLS = {
 OTHER_SYMBOL = "triangle-up-open"
 
 
-def draw(chart: Chart, styles: dict[str, SolverStyle]) -> dict[str, Any]:
+def draw(chart: Chart, styles: Mapping[str, SolverStyle]) -> dict[str, Any]:
     """The figure as plotly.js takes it; its legend is the page's, which shows and hides a solver on all charts.
 
     ``front`` names who is shown first.  Not made by plotly.py's own classes, which look at every value for as long as all
@@ -48,7 +48,7 @@ def draw(chart: Chart, styles: dict[str, SolverStyle]) -> dict[str, Any]:
         _end_ticks(x_axis, frame.x[1], frame.right)
     if chart.logarithmic_y:
         _end_ticks(y_axis, frame.y[1], frame.top)
-    layout = layout_of(x_axis, y_axis) | {"shapes": _strips(chart, frame), "annotations": _labels(chart, frame)}
+    layout = layout_of(x_axis, y_axis) | _edges(chart, frame)
     return {"data": data, "layout": layout, "front": [entry for entry in styles if entry in chart.front]}
 
 
@@ -63,6 +63,33 @@ def layout_of(x_axis: dict[str, Any], y_axis: dict[str, Any]) -> dict[str, Any]:
         "xaxis": x_axis,
         "yaxis": y_axis,
     }
+
+
+def axis(label: str, limits: list[float], logarithmic: bool) -> dict[str, Any]:
+    """Layout of one axis; ``limits`` are exponents of ten where it is logarithmic."""
+    layout: dict[str, Any] = {
+        "title": {"text": label, "standoff": 12},
+        "range": limits,
+        "showline": True,
+        "mirror": True,
+        "linecolor": colours.TEXT,
+        "ticks": "outside",
+        "gridcolor": colours.GRID,
+        "zeroline": False,
+        "exponentformat": "power",
+    }
+    if logarithmic:
+        decades = limits[1] - limits[0]
+        layout |= {"type": "log", "dtick": "D2" if decades < 1.5 else math.ceil(decades / MAX_TICKS), "tickangle": 0}
+        if decades < 6:
+            layout["minor"] = {
+                "dtick": "D1",
+                "ticks": "outside",
+                "ticklen": 3,
+                "showgrid": True,
+                "gridcolor": colours.FINE_GRID,
+            }
+    return layout
 
 
 def _end_ticks(layout: dict[str, Any], end: float, strip: float) -> None:
@@ -131,35 +158,24 @@ def _symbol(mark: EdgeMark, style: SolverStyle) -> str:
     return "triangle-down-open" if mark.y == 0 else STATUS_SYMBOLS.get(mark.status, OTHER_SYMBOL)
 
 
-def _strips(chart: Chart, frame: Frame) -> list[dict[str, Any]]:
-    fill = {"type": "rect", "fillcolor": "#f3f1ec", "line": {"width": 0}, "layer": "below"}
-    strips = []
+def _edges(chart: Chart, frame: Frame) -> dict[str, Any]:
+    """The strips for marks and the line below which the reference cannot judge, with what stands at them."""
+    strip = {"type": "rect", "fillcolor": "#f3f1ec", "line": {"width": 0}, "layer": "below", "yref": "paper", "y1": 1}
+    small = {"showarrow": False, "font": {"size": 11, "color": "#5f5b52"}, "xref": "paper", "yanchor": "bottom"}
+    shapes, labels = [], []
     if frame.top > frame.y[1]:
         height = (frame.y[1] - frame.y[0]) / (frame.top - frame.y[0])
-        strips.append(fill | {"xref": "paper", "x0": 0, "x1": 1, "yref": "paper", "y0": height, "y1": 1})
+        shapes.append(strip | {"xref": "paper", "x0": 0, "x1": 1, "y0": height})
+        labels.append(small | {"text": chart.edge, "x": 0, "xanchor": "left", "yref": "paper", "y": 1})
     if frame.right > frame.x[1]:
         width = (frame.x[1] - frame.x[0]) / (frame.right - frame.x[0])
-        strips.append(fill | {"xref": "paper", "x0": width, "x1": 1, "yref": "paper", "y0": 0, "y1": 1})
+        shapes.append(strip | {"xref": "paper", "x0": width, "x1": 1, "y0": 0})
+        labels.append(small | {"text": "no result or count", "x": 1, "xanchor": "right", "yref": "paper", "y": 0})
     if chart.limit_matters:
         line = {"color": colours.GUIDE, "width": 1.5, "dash": "dash"}
-        strips.append(
+        shapes.append(
             {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": chart.limit, "y1": chart.limit, "line": line}
         )
-    return strips
-
-
-def _labels(chart: Chart, frame: Frame) -> list[dict[str, Any]]:
-    small = {"showarrow": False, "font": {"size": 11, "color": "#5f5b52"}, "xref": "paper"}
-    labels = []
-    if frame.top > frame.y[1]:
-        labels.append(
-            small | {"text": "did not finish", "x": 0, "xanchor": "left", "yref": "paper", "y": 1, "yanchor": "bottom"}
-        )
-    if frame.right > frame.x[1]:
-        labels.append(
-            small | {"text": "no result or count", "x": 1, "xanchor": "right", "yref": "paper", "y": 0, "yanchor": "bottom"}
-        )
-    if chart.limit_matters:
         place = {"x": 0.005, "xanchor": "left", "y": math.log10(chart.limit), "yanchor": "top"}
         labels.append(small | place | {"bgcolor": "rgba(255,255,255,0.8)", "text": "the reference cannot judge below"})
-    return labels
+    return {"shapes": shapes, "annotations": labels}

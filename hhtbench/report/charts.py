@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from hhtbench import analysis
-from hhtbench.analysis import SUBJECT, Point, family
 from hhtbench.analysis.accuracy import COARSE
-from hhtbench.analysis.cells import entry_of, number
+from hhtbench.analysis.cells import SUBJECT, Point, entry_of, family, number
+from hhtbench.analysis.fronts import pareto
 from hhtbench.report.frame import Chart
 from hhtbench.report.marks import curves_of
 from hhtbench.report.runs import slope_text
@@ -23,9 +23,8 @@ STATE_ERROR = "scaled error of q, v"
 PRECISION, CONVERGENCE = "Work and precision", "Convergence"  # titles of figures
 
 
-def problem_charts(rows: Sequence[RunRow], problem: str) -> list[Chart]:
+def problem_charts(own: Sequence[RunRow]) -> list[Chart]:
     """All charts of one problem that have something to show, those of a group one after the other."""
-    own = [row for row in rows if row.problem == problem]
     curves = [
         *(_against_work(own, measure) for measure in WORK),
         _against_drift(own),
@@ -39,7 +38,7 @@ def problem_charts(rows: Sequence[RunRow], problem: str) -> list[Chart]:
 
 def _front(runs: Sequence[Point]) -> frozenset[str]:
     """HHT, and who has a run that no other beats in both error and work."""
-    best = {run.entry for measure in WORK for run in analysis.pareto(runs, measure)}
+    best = {run.entry for measure in WORK for run in pareto(runs, measure)}
     return frozenset(best | {run.entry for run in runs if family(run.entry) == SUBJECT})
 
 
@@ -49,7 +48,6 @@ def _shows_something(chart: Chart) -> bool:
 
 def _against_work(rows: Sequence[RunRow], measure: str) -> Chart | None:
     runs = analysis.points(rows)
-    traces, marks = curves_of(runs, lambda run: run.work(measure), _error)
     remark = _remark(runs) if measure == "time" else f" {weighed(runs)} {uncounted(analysis.silent(rows))}".rstrip()
     return Chart(
         id=f"work-{measure}",
@@ -59,9 +57,8 @@ def _against_work(rows: Sequence[RunRow], measure: str) -> Chart | None:
         caption=f"Left and low is better: small error{compared(runs)}, for little work.{remark}",
         x_label=WORK[measure],
         y_label=STATE_ERROR,
-        traces=traces,
-        marks=marks,
-        limit=max((run.limit for run in runs), default=0.0),
+        **curves_of(runs, lambda run: run.work(measure), _error),
+        limit=_limit(runs),
     )
 
 
@@ -70,7 +67,6 @@ def _against_drift(rows: Sequence[RunRow]) -> Chart | None:
     runs = [run for run in analysis.points(rows) if run.success and _drift(run) is not None]
     if not runs:
         return None
-    traces, marks = curves_of(runs, _drift, _error)
     return Chart(
         id="drift",
         group=PRECISION,
@@ -79,9 +75,8 @@ def _against_drift(rows: Sequence[RunRow]) -> Chart | None:
         caption="Left and low is better: small error with small violation of the constraints.",
         x_label="largest scaled drift of position and velocity constraints",
         y_label=STATE_ERROR,
-        traces=traces,
-        marks=marks,
-        limit=max(run.limit for run in runs),
+        **curves_of(runs, _drift, _error),
+        limit=_limit(runs),
     )
 
 
@@ -92,6 +87,11 @@ def _drift(run: Point) -> float | None:
 
 def _error(run: Point) -> float | None:
     return run.error if run.doubted is None else run.doubted
+
+
+def _limit(runs: Sequence[Point]) -> float:
+    """Errors below it cannot be judged."""
+    return max((run.limit for run in runs), default=0.0)
 
 
 def _remark(runs: Sequence[Point]) -> str:
@@ -107,7 +107,6 @@ def _convergence(rows: Sequence[RunRow], kind: str) -> Chart | None:
     if not curves:
         return None
     runs = [run for curve in curves for run in curve.points]
-    traces, marks = curves_of(runs, lambda run: run.setting.value, _error)
     known = sorted((curve.slope.value, curve.entry, slope_text(curve.slope)) for curve in curves if curve.slope is not None)
     ends = [f"{text} ({entry})" for _, entry, text in dict.fromkeys((known[0], known[-1]))] if known else []
     text = f"Fitted slopes, errors up to {COARSE:g}, with the spread: {' to '.join(ends)}." if ends else ""
@@ -122,9 +121,8 @@ def _convergence(rows: Sequence[RunRow], kind: str) -> Chart | None:
         caption=f"What a {what} buys. {text}",
         x_label=AXES[kind],
         y_label=STATE_ERROR,
-        traces=traces,
-        marks=marks,
-        limit=max((run.limit for run in runs), default=0.0),
+        **curves_of(runs, lambda run: run.setting.value, _error),
+        limit=_limit(runs),
     )
 
 
@@ -143,11 +141,9 @@ def _left_out(rows: Sequence[RunRow], name: str) -> str:
 
 
 def _multipliers(rows: Sequence[RunRow], name: str) -> Chart | None:
-    found = {item.point.key: getattr(item, name) for item in analysis.multipliers(rows)}
-    if not any(found.values()):
-        return None
     runs = analysis.points(rows)
-    traces, marks = curves_of(runs, lambda run: run.time, lambda run: found[run.key])
+    if not any(getattr(run, name) for run in runs):
+        return None
     symbol = {"lam": "λ (position constraints)", "mu": "μ (velocity constraints)"}[name]
     return Chart(
         id=f"multipliers-{name}",
@@ -157,6 +153,5 @@ def _multipliers(rows: Sequence[RunRow], name: str) -> Chart | None:
         caption=f"Multipliers recovered from the acceleration level, against processor time.{_left_out(rows, name)}",
         x_label=WORK["time"],
         y_label=f"scaled error of {symbol.partition(' ')[0]}",
-        traces=traces,
-        marks=marks,
+        **curves_of(runs, lambda run: run.time, lambda run: getattr(run, name)),
     )

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.analysis import SUBJECT, family
+from hhtbench.analysis.cells import SUBJECT, family
 from hhtbench.evidence import Plot
 
 # Okabe and Ito's palette without yellow (too pale on white): told apart with colour-blind eyes.
@@ -43,24 +43,13 @@ def style_numbers(plots: Iterable[Plot]) -> list[dict[str, int]]:
     numbers = []
     for plot in plots:
         own: dict[str, int] = {}
-        labels = list(dict.fromkeys(curve.label for curve in plot.curves))
+        labels = dict.fromkeys(curve.label for curve in plot.curves)
         for label in sorted(labels, key=lambda label: label not in page):  # stable: known labels choose first
-            wanted = page.get(label)
-            own[label] = wanted if wanted is not None and wanted not in own.values() else _lowest_free(own)
-            page.setdefault(label, own[label])
+            free = next(number for number in range(len(own) + 1) if number not in own.values())
+            wanted = page.setdefault(label, free)
+            own[label] = free if wanted in own.values() else wanted
         numbers.append(own)
     return numbers
-
-
-def _lowest_free(taken: dict[str, int]) -> int:
-    return next(number for number in range(len(taken) + 1) if number not in taken.values())
-
-
-def marked_line(index: int) -> dict[str, dict[str, object]]:
-    """Line and mark of style ``index``; the first 28 look different."""
-    colour = PALETTE[index % len(PALETTE)]
-    line = {"color": colour, "width": 2, "dash": DASHES[index // len(PALETTE) % len(DASHES)]}
-    return {"line": line, "marker": {"color": colour, "size": 8, "symbol": SYMBOLS[index % len(SYMBOLS)]}}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +65,12 @@ class SolverStyle:
     def line(self) -> dict[str, Any]:
         """As plotly wants it."""
         return {"color": self.colour, "dash": self.dash, "width": self.width}
+
+
+def plot_style(number: int) -> SolverStyle:
+    """Style of that number on the page of a verification; the first 28 look different."""
+    colour, dash = PALETTE[number % len(PALETTE)], DASHES[number // len(PALETTE) % len(DASHES)]
+    return SolverStyle(colour=colour, dash=dash, symbol=SYMBOLS[number % len(SYMBOLS)], width=2.0)
 
 
 def solver_order(entries: Iterable[str]) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What the comparison of a campaign says, before it is set as a page, as Markdown or as JSON: every table is made once."""
+"""What the comparison of a campaign says, before it is set as a page, as a summary or as JSON: every table is made once."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from functools import partial
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, Campaign, Kind
+from hhtbench.analysis.fronts import BOUNDS, Campaign, campaign_of
+from hhtbench.analysis.kinds import Kind
+from hhtbench.analysis.outcomes import machines
 from hhtbench.report import contest, runs
 from hhtbench.report.atlas import Atlas, failure_atlas
 from hhtbench.report.decisions import decisions, reading
@@ -18,12 +20,14 @@ from hhtbench.report.tables import Table
 from hhtbench.report.words import MEASURES, bounded
 from hhtbench.store.rows import RunRow
 
-RANKED: dict[str, Callable[[Sequence[RunRow], str, Campaign], Table]] = {
+RANKED: dict[str, Callable[[Sequence[RunRow], Campaign], Table]] = {
     **{f"Both sides of the comparison, {bounded(bound)}": partial(contest.both_sides, held=bound) for bound in BOUNDS},
     "Cheapest solvers at a given error": contest.cheapest,
 }
+TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
+ATLAS = "Failure atlas: runs that failed or are not believed"
 FAILED = "Runs that failed or are not believed, by reason"
-TABLES: dict[str, Callable[[Sequence[RunRow], str], Table]] = {
+TABLES: dict[str, Callable[[Sequence[RunRow]], Table]] = {
     "One run of every solver, side by side": runs.side_by_side,
     "Counters of these runs": runs.counter_table,
     FAILED: runs.failures_by_reason,
@@ -35,6 +39,7 @@ class Part:
     """All about one problem but its charts."""
 
     name: str
+    rows: tuple[RunRow, ...]
     sentences: tuple[str, ...]
     tables: Mapping[str, Table]  #: by caption
 
@@ -84,7 +89,7 @@ class Content:
 def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
     """Of all rows of a store, older versions of a cell among them."""
     found = analysis.newest(rows)
-    whole, kinds = analysis.campaign_of(found.rows), analysis.kinds(found.rows)
+    whole, kinds = campaign_of(found.rows), analysis.kinds(found.rows)
     return Content(
         rows=found.rows,
         losses=losses,
@@ -98,7 +103,7 @@ def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
         against={kind: contest.against(_of(found.rows, names), whole) for kind, names in kinds.items()},
         drift=runs.equal_drift(found.rows),
         atlas=failure_atlas(found.rows),
-        parts=tuple(_part(found.rows, name, whole) for name in analysis.problems(found.rows)),
+        parts=tuple(_part(name, _of(found.rows, [name]), whole) for name in analysis.problems(found.rows)),
     )
 
 
@@ -106,7 +111,22 @@ def _of(rows: Sequence[RunRow], problems: Collection[str]) -> list[RunRow]:
     return [row for row in rows if row.problem in problems]
 
 
-def _part(rows: Sequence[RunRow], problem: str, whole: Campaign) -> Part:
-    tables = {caption: rank(rows, problem, whole) for caption, rank in RANKED.items()}
-    tables |= {caption: build(rows, problem) for caption, build in TABLES.items()}
-    return Part(name=problem, sentences=tuple(problem_summary(rows, problem, whole)), tables=tables)
+def _part(name: str, rows: Sequence[RunRow], whole: Campaign) -> Part:
+    tables = {caption: rank(rows, whole) for caption, rank in RANKED.items()}
+    tables |= {caption: build(rows) for caption, build in TABLES.items()}
+    return Part(name=name, rows=tuple(rows), sentences=tuple(problem_summary(rows, whole)), tables=tables)
+
+
+def environments(rows: Sequence[RunRow]) -> list[str]:
+    """Machine and versions: a line for each environment that the rows came from, the commonest first."""
+    found = machines(rows)
+    lines = [{**({"rows": one.rows} if len(found) > 1 else {}), **one.environment} for one in found]
+    return [", ".join(f"{name} {value}" for name, value in line.items()) for line in lines] or ["Not recorded."]
+
+
+def period(rows: Sequence[RunRow]) -> str:
+    """When the rows were made."""
+    dates = sorted(row.created[:10] for row in rows if row.created)
+    if not dates:
+        return "an unknown date"
+    return dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"

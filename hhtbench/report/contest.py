@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, Campaign, Comparison, Cost
+from hhtbench.analysis.fronts import BOUNDS, Campaign, Comparison, Cost, campaign_of
+from hhtbench.analysis.missing import Missing
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.words import (
     AT_MOST,
@@ -41,7 +42,7 @@ MARKS = {"wins": "won", "loses": "lost", "level": "level", "alone": "alone", "un
 def balance(rows: Sequence[RunRow]) -> Table:
     """On how many problems HHT wins and loses: one line for each bound of the drift and measure, one column an error."""
     body: list[list[str | Cell]] = []
-    whole = analysis.campaign_of(rows)
+    whole = campaign_of(rows)
     targets = whole.targets
     for bound in BOUNDS:
         lines = analysis.compare(rows, held=bound, campaign=whole)
@@ -77,7 +78,7 @@ def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
     Bounds that change nothing share a line.
     """
     body: list[list[str | Cell]] = []
-    whole = campaign or analysis.campaign_of(rows)
+    whole = campaign or campaign_of(rows)
     compared = {bound: analysis.compare(rows, held=bound, campaign=whole) for bound in BOUNDS}
     for problem in analysis.problems(rows):
         for measure in MEASURES:
@@ -104,10 +105,10 @@ def _verdict(line: Comparison) -> Cell:
     return Cell(outcome(line), TONES.get(line.outcome, ""), detail)
 
 
-def both_sides(rows: Sequence[RunRow], problem: str, campaign: Campaign | None = None, held: float | None = None) -> Table:
+def both_sides(rows: Sequence[RunRow], campaign: Campaign | None = None, held: float | None = None) -> Table:
     """Both sides of every comparison on one problem at one bound of the drift, with their costs and drifts."""
     body: list[list[Any]] = []
-    for line in analysis.compare(rows, held=held, problem=problem, campaign=campaign):
+    for line in analysis.compare(rows, held=held, campaign=campaign):
         if line.subject or line.rival:
             drifting = sum(reason.kind == "drifts" for reason in line.missing.values())
             more = [plural(drifting, "solver") if drifting else NOTHING] if held is not None else []
@@ -115,7 +116,7 @@ def both_sides(rows: Sequence[RunRow], problem: str, campaign: Campaign | None =
     headers = ["error", "by", "HHT", "best HHT", "its cost", "position drift", "velocity drift", "cheapest other"]
     headers += ["its cost", "position drift", "velocity drift", *(["accurate, but drift more"] if held is not None else [])]
     scope = f"Runs {bounded(held)} of position and velocity, over all steps. " if held is not None else ""
-    note = f"{scope}{INTERPOLATED} Drifts are those of the run at the accurate end.{_stars(rows, problem)}"
+    note = f"{scope}{INTERPOLATED} Drifts are those of the run at the accurate end.{_stars(rows)}"
     return make_table(headers, body, note)
 
 
@@ -137,30 +138,29 @@ def _cost(cost: Cost, measure: str) -> str:
     return f"{AT_MOST} " * cost.bound + work(cost.value, measure) + star
 
 
-def cheapest(rows: Sequence[RunRow], problem: str, campaign: Campaign | None = None) -> Table:
-    """Who reaches each error most cheaply."""
-    own = [row for row in rows if row.problem == problem]
-    targets = (campaign or analysis.campaign_of(rows)).targets
+def cheapest(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
+    """Who reaches each error most cheaply on one problem."""
+    targets = (campaign or campaign_of(rows)).targets
     body = []
     for measure in MEASURES:
-        for front in analysis.fronts(own, measure, targets):
+        for front in analysis.fronts(rows, measure, targets):
             best = [f"{cost.entry} {_cost(cost, measure)}" for cost in front.costs[:CHEAPEST]]
             missing = _grouped(front.missing)
             body.append([f"{front.target:.0e}", SHORT[measure], *best, *[NOTHING] * (CHEAPEST - len(best)), missing])
     headers = ["error", "by", "cheapest", "second", "third", "without a cost"]
     note = (
         "Without a cost: every solver was refined until it got there, failed, was no better when finer, or met a stated "
-        f"cap. {INTERPOLATED}{_stars(own, problem)} {uncounted(analysis.silent(own))}"
+        f"cap. {INTERPOLATED}{_stars(rows)} {uncounted(analysis.silent(rows))}"
     )
     return make_table(headers, body, note)
 
 
-def _stars(rows: Sequence[RunRow], problem: str) -> str:
-    disturbed = any(run.disturbed for run in analysis.points(row for row in rows if row.problem == problem))
+def _stars(rows: Sequence[RunRow]) -> str:
+    disturbed = any(run.disturbed for run in analysis.points(rows))
     return f" *: {STAR}." if disturbed else ""
 
 
-def _grouped(missing: Mapping[str, analysis.Missing]) -> str:
+def _grouped(missing: Mapping[str, Missing]) -> str:
     """``3 a stated cap, 1 failed``; the reason itself where all share one, and of whom where it is one."""
     reasons = list(missing.values())
     texts = {reason.text for reason in reasons}

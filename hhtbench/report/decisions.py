@@ -6,7 +6,11 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, NOT_RUN, SUBJECT, UNKNOWN, Campaign, Choice, Kind, Place, Ratio, family
+from hhtbench.analysis.cells import SUBJECT, family
+from hhtbench.analysis.decision import Choice, Place, Ratio
+from hhtbench.analysis.fronts import BOUNDS, Campaign
+from hhtbench.analysis.kinds import Kind
+from hhtbench.analysis.missing import NOT_RUN, UNKNOWN
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
 from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, repeats, short, work

@@ -7,7 +7,8 @@ from html import escape
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import SUBJECT, Kind, family
+from hhtbench.analysis.cells import SUBJECT, family
+from hhtbench.analysis.kinds import Kind
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import Content
 from hhtbench.report.decisions import evidence_anchor, told

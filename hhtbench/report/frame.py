@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hhtbench.report.figures import MARGIN
-
+MARGIN = 0.06  # of the axis, left free around the data
 BAND = 0.05  # of the axis for each row of marks in the strip beyond the data
 LEAST_ROWS = 2  # of the strip, else its marks touch the axis
 APART = 0.03  # of the axis: marks nearer to one another stand in different rows
@@ -61,6 +60,7 @@ class Chart:
     marks: tuple[EdgeMark, ...] = ()
     logarithmic_x: bool = True
     logarithmic_y: bool = True
+    edge: str = "did not finish"  #: what marks in the upper strip have in common
     limit: float = 0.0  #: a horizontal line: errors below it cannot be judged
     front: frozenset[str] = frozenset()  #: solvers that are shown first; empty: all
 

@@ -1,16 +1,23 @@
-"""The report as one Markdown page."""
+"""A verification as one Markdown page, and a summary of a comparison that fits a terminal."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 from tabulate import tabulate
 
 from hhtbench.evidence import Evidence, Plot, Row
+from hhtbench.report.content import ATLAS, TITLE, Content, environments, period
+from hhtbench.report.rules import campaign_told
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, duration, group_of, groups, verdict
+from hhtbench.report.words import MEASURES, bounded
+
+MAX_SUMMARY_LINES = 200
+MAX_SUMMARY_ROWS = 36  # of each of its four tables: with these and all sentences it stays below the lines
+DECISIONS = (("time", None), ("time", 1e-10))  # the tables to decide by that it holds: measure and bound of the drift
 
 CLAIMS = """\
 Each row is one claim: a sentence that can be wrong, the number measured for it, the bound it must keep, and the
@@ -22,12 +29,6 @@ network.
 
 def markdown(evidence: Evidence, command: str) -> str:
     """The page's text."""
-    made = ["## How it was made", f"```\n{command}\n```", f"Wall time: {duration(evidence.seconds)}."]
-    return "\n\n".join([*claims(evidence), *made, environment_table(evidence.environment)]) + "\n"
-
-
-def claims(evidence: Evidence) -> list[str]:
-    """Paragraphs with title, verdict and every row."""
     parts = [f"# {escape_text(evidence.title)}", f"**{escape_text(verdict(evidence))}**"]
     parts += [escape_text(evidence.summary), CLAIMS.strip()]
     plots = list(evidence.plots)
@@ -37,13 +38,27 @@ def claims(evidence: Evidence) -> list[str]:
         parts += [f"## {escape_text(name)}", _table(evidence, rows), *_links(own)]
     if plots:
         parts += ["## Further curves", *_links(plots)]
-    return parts
+    parts += ["## How it was made", f"```\n{command}\n```", f"Wall time: {duration(evidence.seconds)}."]
+    environment = [(name, escape_text(str(value))) for name, value in evidence.environment.items()]
+    parts.append(tabulate(environment, headers=["environment", ""], tablefmt="github", disable_numparse=True))
+    return "\n\n".join(parts) + "\n"
 
 
-def environment_table(environment: Mapping[str, Any]) -> str:
-    """Machine and versions."""
-    rows = [(name, escape_text(str(value))) for name, value in environment.items()]
-    return tabulate(rows, headers=["environment", ""], tablefmt="github", disable_numparse=True)
+def summary_page(content: Content, command: str, evidence: Evidence | None = None) -> str:
+    """What a campaign came to, for the log of a build: at most ``MAX_SUMMARY_LINES`` lines, however many rows."""
+    parts = [f"# {TITLE}", *map(escape_text, content.sentences), escape_text(content.reading)]
+    tables = {f"By {MEASURES[by]}, {bounded(bound)}": content.decisions[by, bound] for by, bound in DECISIONS}
+    tables |= {"Wins and losses": content.balance, ATLAS: content.atlas.causes()}
+    for title, table in tables.items():
+        rest = len(table.rows) - MAX_SUMMARY_ROWS
+        more = [f"{rest} more lines are on the page."] if rest > 0 else []
+        parts += [f"## {title}", *markdown_table(replace(table, rows=table.rows[:MAX_SUMMARY_ROWS])), *more]
+    if evidence is not None:
+        parts += [f"## {escape_text(evidence.title)}", escape_text(verdict(evidence))]
+    made = [f"Made by `{command}` from rows of {period(content.rows)}.", campaign_told(content.rows)]
+    machine, *others = environments(content.rows)
+    made.append(machine + f"; {len(others)} more machines" * bool(others))
+    return "\n\n".join([*parts, "## How it was made", *map(escape_text, made)]) + "\n"
 
 
 def markdown_table(table: Table) -> list[str]:
@@ -55,13 +70,11 @@ def markdown_table(table: Table) -> list[str]:
 
 
 def _table(evidence: Evidence, rows: Sequence[Row]) -> str:
-    escaped = tuple(replace(row, **_escaped(row)) for row in rows)
-    return replace(evidence, rows=escaped).table("github")
-
-
-def _escaped(row: Row) -> dict[str, Any]:
-    texts = {name: getattr(row, name) for name in ("id", "claim", "measured", "bound")}
-    return {name: escape_text(text) for name, text in texts.items() if isinstance(text, str)}
+    escaped = []
+    for row in rows:
+        texts: dict[str, Any] = {name: escape_text(text) for name, text in vars(row).items() if isinstance(text, str)}
+        escaped.append(replace(row, **texts))
+    return replace(evidence, rows=tuple(escaped)).table("github")
 
 
 def _links(plots: Sequence[Plot]) -> list[str]:

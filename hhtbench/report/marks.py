@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
-from hhtbench import analysis
-from hhtbench.analysis import DOUBTED, Point
+from hhtbench.analysis.cells import DOUBTED, Point, by_entry
 from hhtbench.report.frame import EdgeMark, Trace
 from hhtbench.report.words import doubt, seconds, shown
 
 Value = Callable[[Point], float | None]
 
 
-def curves_of(runs: Iterable[Point], x: Value, y: Value) -> tuple[tuple[Trace, ...], tuple[EdgeMark, ...]]:
-    """A trace for each solver; any other run becomes a mark, runs that left no result one together."""
+def curves_of(runs: Iterable[Point], x: Value, y: Value) -> dict[str, Any]:
+    """``traces`` and ``marks`` of a chart: a trace for each solver; any other run is a mark, or one of several in one."""
     traces, marks = [], []
-    for entry, group in analysis.by_entry(runs).items():
+    for entry, group in by_entry(runs).items():
         inside = [(run, x(run), y(run)) for run in group]
         good = [(run, a, b) for run, a, b in inside if run.success and a and b]
         if good:
@@ -31,7 +31,7 @@ def curves_of(runs: Iterable[Point], x: Value, y: Value) -> tuple[tuple[Trace, .
             else:
                 marks.append(mark_of(run, a or None, b if run.success or run.status == DOUBTED else None))
         marks += [_together(entry, status, lost) for status, lost in never.items()]
-    return tuple(traces), tuple(marks)
+    return {"traces": tuple(traces), "marks": tuple(marks)}
 
 
 def _together(entry: str, status: str, lost: Sequence[Point]) -> EdgeMark:

@@ -10,11 +10,13 @@ from statistics import median
 from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, SUBJECT, TYPICAL_ERROR, DriftCost, Profile, Reach, family
+from hhtbench.analysis.cells import SUBJECT, TYPICAL_ERROR, family
+from hhtbench.analysis.drift import DriftCost
+from hhtbench.analysis.fronts import BOUNDS
+from hhtbench.analysis.profile import Profile, Reach, relative_profiles
 from hhtbench.report import colours
-from hhtbench.report.chart import layout_of, rounded
+from hhtbench.report.chart import axis, layout_of, rounded
 from hhtbench.report.colours import SolverStyle
-from hhtbench.report.figures import axis
 from hhtbench.report.series import LEAST_DRIFT
 from hhtbench.report.words import listed, plural, short, weighed
 from hhtbench.store.rows import RunRow
@@ -131,34 +133,33 @@ def _overlap(one: tuple[float, ...], other: tuple[float, ...]) -> bool:
 
 
 def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[str, Any]:
-    return {
-        "type": "scatter",
-        "name": entry,
-        "mode": "markers",
-        "x": [rounded(line.ratio) for line in lines],
-        "y": [rounded(max(line.drift, LEAST_DRIFT)) for line in lines],
-        "text": [f"{line.problem}, {line.cost.run.setting.text}" for line in lines],
-        "hovertemplate": "<b>%{fullData.name}</b><br>%{text}<br>%{x:.3g} times HHT's, drift %{y:.2g}<extra></extra>",
-        "marker": {"color": style.colour, "symbol": style.symbol, "size": 5, "opacity": 0.4},
-    }
+    places = [(line.ratio, max(line.drift, LEAST_DRIFT)) for line in lines]
+    texts = [f"{line.problem}, {line.cost.run.setting.text}" for line in lines]
+    return _points(entry, places, texts, style, {"size": 5, "opacity": 0.4})
 
 
 def _middle(
     entry: str, place: tuple[float, float], told: tuple[str, str], style: SolverStyle, label: str | None
 ) -> dict[str, Any]:
     """A median; ``told``: its name and of what it is one."""
+    drawn = _points(entry, [place], [told[1]], style, {"size": 13, "line": {"width": 1, "color": "#ffffff"}})
+    drawn |= {"customdata": [told[1]], "text": [told[0]], "textposition": label or "top center", "textfont": {"size": 12}}
+    hover = drawn["hovertemplate"].replace("%{text}", "%{customdata}")
+    return drawn | {"mode": "markers+text" if label else "markers", "hovertemplate": hover}
+
+
+def _points(
+    entry: str, places: Sequence[tuple[float, float]], texts: Sequence[str], style: SolverStyle, look: dict[str, Any]
+) -> dict[str, Any]:
     return {
         "type": "scatter",
         "name": entry,
-        "mode": "markers+text" if label else "markers",
-        "x": [rounded(place[0])],
-        "y": [rounded(place[1])],
-        "text": [told[0]],
-        "textposition": label or "top center",
-        "textfont": {"size": 12},
-        "customdata": [told[1]],
-        "hovertemplate": "<b>%{fullData.name}</b><br>%{customdata}<br>%{x:.3g} times HHT's, drift %{y:.2g}<extra></extra>",
-        "marker": {"color": style.colour, "symbol": style.symbol, "size": 13, "line": {"width": 1, "color": "#ffffff"}},
+        "mode": "markers",
+        "x": [rounded(x) for x, _ in places],
+        "y": [rounded(y) for _, y in places],
+        "text": list(texts),
+        "hovertemplate": "<b>%{fullData.name}</b><br>%{text}<br>%{x:.3g} times HHT's, drift %{y:.2g}<extra></extra>",
+        "marker": {"color": style.colour, "symbol": style.symbol} | look,
     }
 
 
@@ -186,7 +187,7 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
             views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + what, figure=figure))
     if any(reach.cost is not None for reach in by_time):
         figure = _profile_figure(
-            [(analysis.relative_profiles(by_time), 1.0)], "processor time over that of the best", styles, shown_first
+            [(relative_profiles(by_time), 1.0)], "processor time over that of the best", styles, shown_first
         )
         views.append(View(name="over the best", caption=_pairs(by_time) + RELATIVE, figure=figure))
     return views

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hhtbench import analysis
-from hhtbench.analysis import BOUNDS, FIRST, SAME, Point, Rules, family
-from hhtbench.analysis.ladder import MOST, STANDSTILL
+from hhtbench.analysis.cells import Point, Rules, family
+from hhtbench.analysis.fronts import BOUNDS, SAME, level_of, targets_of
+from hhtbench.analysis.ladder import FIRST, MOST, STANDSTILL
 from hhtbench.report.words import listed, plural, seconds, times
 from hhtbench.store.rows import RunRow
 
@@ -37,7 +38,7 @@ def campaign_told(rows: Sequence[RunRow]) -> str:
     if not limits:
         given = sorted({(run.setting.kind, -run.setting.value, run.setting.text) for run in runs})
         return f"{head}, settings given: {', '.join(text for *_, text in given)}."
-    asked = ", ".join(f"{target:.0e}" for target in analysis.targets_of(runs))
+    asked = ", ".join(f"{target:.0e}" for target in targets_of(runs))
     return f"{head}, errors {asked}; of one solver on one problem {limits}."
 
 
@@ -65,7 +66,7 @@ def _budget(one: Rules) -> str:
 
 
 def _targets(runs: Sequence[Point]) -> str:
-    targets = listed([f"{target:.0e}" for target in analysis.targets_of(runs)])
+    targets = listed([f"{target:.0e}" for target in targets_of(runs)])
     asked = any(run.rules is not None for run in runs)
     head = "Errors to reach" if asked else "Nobody was asked for an error; costs are compared at"
     return (
@@ -110,7 +111,7 @@ def _clock(rows: Sequence[RunRow], runs: Sequence[Point]) -> list[str]:
         return ["Times were taken beside other work."]
     rounds = max(len(row.timing["rounds_s"]) for row in timed)
     least = min(max(row.timing["wall_s"], row.timing["median_s"]) * row.timing["solves"] for row in timed)
-    level = analysis.level_of(runs)
+    level = level_of(runs)
     return [
         "Time is processor time of a solve without output on the way, alone on a core; starts and compilation apart. The "
         f"best of {plural(rounds, 'round')} over all runs; a short solve is repeated within a reading, the shortest of "

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from hhtbench import analysis
-from hhtbench.analysis import DOUBTED, NEAR, TYPICAL_ERROR, Point
+from hhtbench.analysis.accuracy import Slope
+from hhtbench.analysis.cells import DOUBTED, NEAR, TYPICAL_ERROR, Point, by_entry, typical
+from hhtbench.analysis.drift import equally_accurate
 from hhtbench.report.colours import solver_order
 from hhtbench.report.tables import Cell, Table, make_table, ordered
 from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, shown, timed
@@ -24,52 +26,47 @@ COUNTS = {
 }
 
 
-def side_by_side(rows: Sequence[RunRow], problem: str) -> Table:
+def side_by_side(rows: Sequence[RunRow]) -> Table:
     """One run of every solver, nearest to the typical error: errors, drift, work, slope over all its runs."""
-    own = [row for row in rows if row.problem == problem]
-    slopes = {curve.entry: curve.slope for curve in analysis.convergence(own)}
-    chosen = typical_runs(own)
-    shown_rows = [row for row in own if row.key in chosen]
-    body = [[*_run_cells(row), slope_text(slopes[chosen[row.key].entry])] for row in shown_rows]
+    slopes = {curve.entry: curve.slope for curve in analysis.convergence(rows)}
+    chosen = typical_runs(rows)
+    body = [[*_run_cells(run), slope_text(slopes[run.entry])] for run in chosen]
     note = (
         f"For each solver the run whose scaled error is nearest to {TYPICAL_ERROR:.0e}. Slope: error against tolerance or "
         "step over all its runs with errors up to 0.1, fitted in the logarithms, \N{PLUS-MINUS SIGN} the farthest point's "
-        f"distance from the line in decades. {_run_note(shown_rows)}"
+        f"distance from the line in decades. {_run_note(chosen)}"
     )
     return make_table([*RUN_HEADERS, "slope"], ordered(body), note)
 
 
-def slope_text(slope: analysis.Slope | None) -> str:
+def slope_text(slope: Slope | None) -> str:
     """Value and spread."""
     return NOTHING if slope is None else f"{slope.value:.2f} \N{PLUS-MINUS SIGN} {slope.spread:.2f}"
 
 
-def counter_table(rows: Sequence[RunRow], problem: str) -> Table:
+def counter_table(rows: Sequence[RunRow]) -> Table:
     """What the same runs cost, counter by counter."""
-    own = [row for row in rows if row.problem == problem]
-    chosen = typical_runs(own)
+    chosen = typical_runs(rows)
     body: list[list[str | Cell]] = []
     sources: dict[str, list[str]] = {}
-    for row, line in zip(own, analysis.counters(own), strict=True):
-        if row.key in chosen:
-            counts = [count(line.counts[name]) for name in COUNTS]
-            times = [timed(line.point), seconds(analysis.number(row.timing, "compile_s"))]
-            body.append([line.point.entry, line.point.setting.text, *counts, *times])
-            sources.setdefault(line.provenance, []).append(line.point.entry)
+    for run in chosen:
+        counts = [count(run.counts.get(name)) for name in COUNTS]
+        body.append([run.entry, run.setting.text, *counts, timed(run), seconds(run.first)])
+        sources.setdefault(run.provenance, []).append(run.entry)
     headers = ["solver", "setting", *COUNTS.values(), "time", "first solve"]
     note = (
         "For output: evaluations for the output rows, in no other counter. First solve: warm-up, compilation included, not "
         "part of the time; it depends on who compiled the same functions first, and on the cache on disk. A dash: not "
-        f"reported, which is not zero. {_marks([chosen[row.key] for row in own if row.key in chosen])}"
+        f"reported, which is not zero. {_marks(chosen)}"
     )
     origins = "; ".join(f"{', '.join(solver_order(entries))}: {source}" for source, entries in sources.items())
     return make_table(headers, ordered(body), f"{note} Where the counts come from. {origins}.")
 
 
-def all_runs(rows: Sequence[RunRow], problem: str) -> Table:
-    """Every run on one problem."""
-    own = [row for row in rows if row.problem == problem]
-    return make_table(RUN_HEADERS, ordered([_run_cells(row) for row in own]), _run_note(own))
+def all_runs(rows: Sequence[RunRow]) -> Table:
+    """Every run."""
+    runs = analysis.points(rows)
+    return make_table(RUN_HEADERS, ordered([_run_cells(run) for run in runs]), _run_note(runs))
 
 
 RUN_HEADERS = (
@@ -78,10 +75,7 @@ RUN_HEADERS = (
 )
 
 
-def _run_cells(row: RunRow) -> list[str | Cell]:
-    (drift,), (counter,), (multiplier,) = analysis.drift([row]), analysis.counters([row]), analysis.multipliers([row])
-    run = drift.point
-
+def _run_cells(run: Point) -> list[str | Cell]:
     def bracketed(value: float | None) -> str:
         return f"({brief(value)})" if run.status == DOUBTED and value is not None else brief(value)
 
@@ -89,26 +83,25 @@ def _run_cells(row: RunRow) -> list[str | Cell]:
         run.entry,
         run.setting.text,
         Cell(run.status, "" if run.success else "bad"),
-        *map(bracketed, (run.error if run.doubted is None else run.doubted, multiplier.lam, multiplier.mu)),
-        *map(brief, (drift.position, run.absolute, drift.velocity, drift.acceleration, drift.energy)),
+        *map(bracketed, (run.error if run.doubted is None else run.doubted, run.lam, run.mu)),
+        *map(brief, (run.position, run.absolute, run.velocity, run.acceleration, run.energy)),
         timed(run),
-        count(counter.counts["steps_accepted"]),
-        count(counter.counts["residual_evaluations"]),
+        count(run.counts.get("steps_accepted")),
+        count(run.counts.get("residual_evaluations")),
     ]
 
 
-def _run_note(rows: Sequence[RunRow]) -> str:
+def _run_note(runs: Sequence[Point]) -> str:
     """What the columns of a table of runs mean, and what its marks say."""
-    runs = analysis.points(rows)
     parts = [
         f"Error: the larger of q and v, scaled{compared(runs)}; lam, mu: scaled errors of the multipliers. Position to "
         "energy: largest drift over the whole interval, scaled by the problem's own sizes; max |g|: the position "
         "constraints as they are. A dash: not reported or not there."
     ]
     notes: dict[str, list[str]] = {}
-    for line in analysis.drift(rows):
-        if line.note:
-            notes.setdefault(line.note, []).append(line.point.entry)
+    for run in runs:
+        if run.note:
+            notes.setdefault(run.note, []).append(run.entry)
     parts += [f"No acceleration level for {listed(list(solver_order(own)))} ({note})." for note, own in notes.items()]
     if any(run.doubted is not None for run in runs):
         parts.append("In brackets: the error of a run that is not believed.")
@@ -122,16 +115,17 @@ def _marks(runs: Sequence[Point]) -> str:
     return " ".join(f"{text}." for text, there in found.items() if there)
 
 
-def typical_runs(rows: Iterable[RunRow]) -> dict[str, Point]:
-    """Key of the row -> its point, for the one run of each problem and solver that is set beside the others."""
-    chosen = [analysis.typical(curve.points) for curve in analysis.work_precision(rows)]
-    return {run.key: run for run in chosen}
+def typical_runs(rows: Sequence[RunRow]) -> list[Point]:
+    """On one problem the one run of each solver that is set beside the others', in the order of the rows."""
+    runs = analysis.points(rows)
+    keys = {typical(own).key for own in by_entry(runs).values()}
+    return [run for run in runs if run.key in keys]
 
 
-def failures_by_reason(rows: Sequence[RunRow], problem: str) -> Table:
+def failures_by_reason(rows: Sequence[RunRow]) -> Table:
     """The runs on one problem that failed or are not believed; messages that differ by their numbers are one reason."""
     body: list[list[str | Cell]] = []
-    found = analysis.failures(row for row in rows if row.problem == problem)
+    found = analysis.failures(rows)
     for one in sorted(found, key=lambda failure: -len(failure.rows)):
         message = doubt(one.text) if one.status == DOUBTED else one.text
         far = NOTHING if one.reached is None else f"{100 * one.reached:.3g} %"
@@ -152,7 +146,7 @@ def _counted(rows: Sequence[RunRow]) -> str:
 def equal_drift(rows: Sequence[RunRow]) -> Table:
     """For every solver the largest drift among its runs of one accuracy, and where it was."""
     total = len(analysis.problems(rows))
-    found = analysis.equally_accurate(rows)
+    found = equally_accurate(rows)
     body: list[list[str | Cell]] = []
     for entry in solver_order(found):
         runs = found[entry]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Any
 
 from hhtbench import analysis
-from hhtbench.analysis import DOUBTED, TYPICAL_ERROR, Point
-from hhtbench.analysis.drift import TimeSeries
+from hhtbench.analysis.cells import DOUBTED, TYPICAL_ERROR, Point
+from hhtbench.analysis.drift import TimeSeries, invariant_names, multiplier_series
 from hhtbench.report.colours import solver_order
 from hhtbench.report.frame import Chart, Trace
 from hhtbench.report.marks import described, mark_of
@@ -22,116 +22,107 @@ OVER_TIME, MULTIPLIERS = "Over time", "Multipliers"  # titles of figures
 SYMBOLS = {"lam": "λ", "mu": "μ"}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Subject:
-    """What one chart over time shows."""
-
-    id: str
-    view: str
-    title: str
-    y_label: str
-    remark: str = ""
-    logarithmic: bool = True
-    group: str = OVER_TIME
-
-
 def charts_over_time(rows: Sequence[RunRow]) -> list[Chart]:
     """All of them that have something to show; ``rows`` are those of one problem."""
     chosen = typical_runs(rows)
-    own = [row for row in rows if row.key in chosen]
-    charts = [_chart(own, chosen, analysis.drift_series(own, level), _of_level(level)) for level in LEVELS]
-    charts.append(_chart(own, chosen, analysis.drift_series(own, "energy"), ENERGY))
-    for name in analysis.invariant_names(own):
-        subject = Subject(
-            id=f"invariant-{name}", view=name, title=f"Change of {name} over time", y_label=f"relative change of {name}"
-        )
-        charts.append(_chart(own, chosen, analysis.invariant_series(own, name), subject))
+    keys = {run.key for run in chosen}
+    own = [row for row in rows if row.key in keys]
+    charts = [_of_level(chosen, own, level) for level in LEVELS]
+    energy: dict[str, Any] = {"id": "drift-energy", "view": "energy", "title": "Change of energy over time"}
+    charts.append(_chart(chosen, analysis.drift_series(own, "energy"), **energy, y_label="scaled change of energy"))
+    for name in invariant_names(own):
+        invariant: dict[str, Any] = {"id": f"invariant-{name}", "view": name, "title": f"Change of {name} over time"}
+        series = analysis.invariant_series(own, name)
+        charts.append(_chart(chosen, series, **invariant, y_label=f"relative change of {name}"))
     for name in SYMBOLS:
-        series = analysis.multiplier_series([row for row in own if row.success], name)
-        charts.append(_chart(own, chosen, series, _of_multipliers(name, series)))
+        charts.append(_of_multipliers(chosen, multiplier_series([row for row in own if row.success], name), name))
     return [chart for chart in charts if chart is not None]
 
 
-ENERGY = Subject(id="drift-energy", view="energy", title="Change of energy over time", y_label="scaled change of energy")
-
-
-def _of_level(level: str) -> Subject:
+def _of_level(chosen: Sequence[Point], rows: Sequence[RunRow], level: str) -> Chart | None:
     own = level == "acceleration"
-    return Subject(
+    return _chart(
+        chosen,
+        analysis.drift_series(rows, level),
+        remark=ACCELERATIONS if own else "",
         id=f"drift-{level}",
         view=f"{level} drift",
         title="Drift of the acceleration level over time" if own else f"Drift of the {level} constraints over time",
         y_label=f"scaled {level} drift",
-        remark=ACCELERATIONS if own else "",
     )
 
 
 ACCELERATIONS = " With the accelerations that follow from each solver's own multipliers, at output times."
 
 
-def _of_multipliers(name: str, series: Sequence[TimeSeries]) -> Subject:
+def _of_multipliers(chosen: Sequence[Point], series: Sequence[TimeSeries], name: str) -> Chart | None:
     components = sorted({item.component for item in series if item.component is not None})
     named = listed([f"{name}[{index}]" for index in components]) if components else name
-    return Subject(
+    return _chart(
+        chosen,
+        series,
+        remark=f" {named}, recovered from the acceleration level at output times; where solvers agree, so do the lines.",
         id=f"series-{name}",
         group=MULTIPLIERS,
         view=f"{SYMBOLS[name]} over time",
         title=f"Multipliers {SYMBOLS[name]} over time",
         y_label=SYMBOLS[name],
-        remark=f" {named}, recovered from the acceleration level at output times; where solvers agree, so do the lines.",
-        logarithmic=False,
+        logarithmic_y=False,
     )
 
 
 def _chart(
-    rows: Sequence[RunRow], chosen: Mapping[str, Point], found: Sequence[TimeSeries], subject: Subject
+    chosen: Sequence[Point],
+    found: Sequence[TimeSeries],
+    remark: str = "",
+    group: str = OVER_TIME,
+    logarithmic_y: bool = True,
+    **named: Any,
 ) -> Chart | None:
+    """``named``: id, view, title and y_label of the chart."""
     if not found:
         return None
     traces, marks = [], []
     order = solver_order(series.point.entry for series in found)  # HHT's thick lines first, below the others'
     for series in sorted(found, key=lambda series: order.index(series.point.entry)):
         run = series.point
-        t, value = _thinned(series) if subject.logarithmic else _strided(series)
+        t, value = _thinned(series) if logarithmic_y else _strided(series)
         component = "" if series.component is None else f"component {series.component}<br>"
         traces.append(Trace(entry=run.entry, x=t, y=value, note=f"{component}{described(run)}"))
         if not run.success:
             marks.append(mark_of(run, t[-1], value[-1] if run.status == DOUBTED else None))
-    zero = subject.logarithmic and any(y is not None and y <= LEAST_DRIFT for trace in traces for y in trace.y)
+    zero = logarithmic_y and any(y is not None and y <= LEAST_DRIFT for trace in traces for y in trace.y)
     floor = f" Zero is drawn at {LEAST_DRIFT:.0e}." if zero else ""
     if zero and all(y is None or y <= LEAST_DRIFT for trace in traces for y in trace.y):
         floor = f" All keep it exactly.{floor}"
     head = f"Each solver's run with an error nearest to {TYPICAL_ERROR:.0e}{_spread(chosen)}."
     return Chart(
-        id=subject.id,
-        group=subject.group,
-        view=subject.view,
-        title=subject.title,
-        caption=f"{head}{subject.remark}{_absent(rows, traces, subject)}{floor}",
+        group=group,
+        caption=f"{head}{remark}{_absent(chosen, traces, named['id'] == 'drift-acceleration')}{floor}",
         x_label="time [s]",
-        y_label=subject.y_label,
         traces=tuple(traces),
         marks=tuple(marks),
         logarithmic_x=False,
-        logarithmic_y=subject.logarithmic,
+        logarithmic_y=logarithmic_y,
+        **named,
     )
 
 
-def _absent(rows: Sequence[RunRow], traces: Sequence[Trace], subject: Subject) -> str:
-    """Who has no series, and why: the note of a level that was not measured, else the status."""
+def _absent(chosen: Sequence[Point], traces: Sequence[Trace], noted: bool) -> str:
+    """Who has no series, and why: where the level is ``noted`` the note that it was not measured, else the status."""
     named = {trace.entry for trace in traces}
     reasons: dict[str, list[str]] = {}
-    for line in analysis.drift(rows):
-        if line.point.entry not in named:
-            note = line.note if subject.id == "drift-acceleration" else ""
-            reasons.setdefault(note or line.point.status, []).append(line.point.entry)
+    for run in chosen:
+        if run.entry not in named:
+            note = run.note if noted else ""
+            reasons.setdefault(note or run.status, []).append(run.entry)
     parts = [f"{listed(entries)} ({reason})" for reason, entries in reasons.items()]
     return f" No series: {'; '.join(parts)}." if parts else ""
 
 
-def _spread(chosen: Mapping[str, Point]) -> str:
+def _spread(chosen: Sequence[Point]) -> str:
     """How far from equal accuracy the runs are that stand side by side."""
-    errors = [run.error for run in chosen.values() if run.error is not None]
+    errors = [run.error for run in chosen if run.error is not None]
     return f" (they are from {min(errors):.1e} to {max(errors):.1e})" if errors else ", or a middle setting as none is known"
 
 

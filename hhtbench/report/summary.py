@@ -7,20 +7,11 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 
 from hhtbench import analysis
-from hhtbench.analysis import (
-    BOUNDS,
-    NEAR,
-    NOT_RUN,
-    STEADY,
-    SUBJECT,
-    TYPICAL_ERROR,
-    UNREFINED,
-    Campaign,
-    Comparison,
-    Newest,
-    Point,
-    family,
-)
+from hhtbench.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, family
+from hhtbench.analysis.drift import equally_accurate
+from hhtbench.analysis.fronts import BOUNDS, STEADY, Campaign, Comparison
+from hhtbench.analysis.missing import NOT_RUN, UNREFINED
+from hhtbench.analysis.outcomes import Newest, machines
 from hhtbench.report.words import (
     KINDS,
     MEASURES,
@@ -51,9 +42,9 @@ def summary(rows: Sequence[RunRow]) -> list[str]:
     return [part for part in [*parts, _drift(rows), _caveats(rows)] if part]
 
 
-def problem_summary(rows: Sequence[RunRow], problem: str, campaign: Campaign | None = None) -> list[str]:
+def problem_summary(rows: Sequence[RunRow], campaign: Campaign | None = None) -> list[str]:
     """Sentences for one problem: wins and losses by both measures."""
-    lines = analysis.compare(rows, problem=problem, campaign=campaign)
+    lines = analysis.compare(rows, campaign=campaign)
     return [_sentence([line for line in lines if line.measure == measure], measure) for measure in MEASURES]
 
 
@@ -159,7 +150,7 @@ ABSENCES = {"absent": "does not get to", "alone": "alone gets to", "unknown": "i
 
 def _drift(rows: Sequence[RunRow]) -> str:
     """Drift among runs of one accuracy; an over-accurate run would look steady."""
-    found = analysis.equally_accurate(rows)
+    found = equally_accurate(rows)
     mine = [run for entry, runs in found.items() if family(entry) == SUBJECT for run in runs]
     others = {entry: runs for entry, runs in found.items() if family(entry) != SUBJECT}
     parts = []
@@ -206,10 +197,8 @@ def _caveats(rows: Sequence[RunRow]) -> str:
         parts.append(f"{plural(len(limited), 'error')} lie below what the reference can judge and are shown as they are.")
     if silent := analysis.silent(rows):
         parts.append(uncounted(silent))
-    if len(analysis.machines(rows)) > 1:
-        parts.append(
-            f"The rows come from {len(analysis.machines(rows))} environments; times of different ones do not compare."
-        )
+    if len(machines(rows)) > 1:
+        parts.append(f"The rows come from {len(machines(rows))} environments; times of different ones do not compare.")
     return " ".join(parts)
 
 

@@ -1,14 +1,12 @@
-"""Tables of the comparison as text, for the page and for Markdown."""
+"""Tables as text, for pages and for Markdown."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from hhtbench import analysis
 from hhtbench.report.colours import solver_order
-from hhtbench.store.rows import RunRow
 
 
 class Cell(NamedTuple):
@@ -44,10 +42,3 @@ def ordered(body: list[list[str | Cell]]) -> list[list[str | Cell]]:
     """Lines that begin with a solver, in the one order of solvers."""
     order = {entry: index for index, entry in enumerate(solver_order(str(line[0]) for line in body))}
     return sorted(body, key=lambda line: order[str(line[0])])
-
-
-def environments(rows: Sequence[RunRow]) -> list[Mapping[str, object]]:
-    """Machine and versions: one mapping for each environment that the rows came from."""
-    found = analysis.machines(rows)
-    extra = len(found) > 1
-    return [{**({"rows": entry.rows} if extra else {}), **entry.environment} for entry in found]

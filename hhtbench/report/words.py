@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from hhtbench.analysis import Comparison, Point, family
+from hhtbench.analysis.cells import Point, family
+from hhtbench.analysis.fronts import Comparison
 
 MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
 SHORT = {"time": "processor time", "evaluations": "evaluations"}

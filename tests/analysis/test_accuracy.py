@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import convergence, multipliers, points, typical, work_precision
+from hhtbench.analysis import by_problem, convergence, points
+from hhtbench.analysis.cells import typical
 from tests.analysis.laws import failed, run
 
 
@@ -54,12 +55,11 @@ def test_two_runs_have_no_slope():
     assert curve.slope is None
 
 
-def test_work_precision_keeps_every_row_and_gives_a_failed_one_no_error():
+def test_every_row_is_a_point_and_a_failed_one_has_no_error():
     rows = [*_quadratic(0.1, 0.05), failed("ida", 1e-3), run("ida", 1e-4, 1e-4, 100, status="unreliable")]
-    curves = work_precision(rows)
-    assert sorted(item.key for curve in curves for item in curve.points) == sorted(row.key for row in rows)
-    doubted = [(item.error, item.doubted) for curve in curves if curve.entry == "ida" for item in curve.points]
-    assert doubted == [(None, None), (None, 1e-4)]
+    curves = by_problem(points(rows))["pendulum"]
+    assert sorted(item.key for runs in curves.values() for item in runs) == sorted(row.key for row in rows)
+    assert [(item.error, item.doubted) for item in curves["ida"]] == [(None, None), (None, 1e-4)]
 
 
 def test_error_of_a_run_is_the_larger_of_q_and_v():
@@ -84,7 +84,7 @@ def test_time_is_the_best_one_alone_and_else_says_that_it_was_not():
 def test_multiplier_errors_stand_with_every_row():
     row = run("ida", 1e-3, 1e-3, 100)
     row.metrics["errors"]["lam"] = {"max_scaled": 0.25}
-    assert [(item.lam, item.mu) for item in multipliers([row, failed("ida", 1e-4)])] == [(0.25, None), (None, None)]
+    assert [(item.lam, item.mu) for item in points([row, failed("ida", 1e-4)])] == [(0.25, None), (None, None)]
 
 
 def test_typical_run_is_nearest_to_1e_4_and_a_failed_one_where_none_succeeded():

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import compare, fronts, level_of, points
+from hhtbench.analysis import compare, fronts, points
+from hhtbench.analysis.fronts import level_of
 from tests.analysis.laws import EVALUATION, failed, ladder, law, run
 
 SETTINGS = (2e-2, 2e-3, 2e-4, 2e-5, 2e-6)  # none is a target: every cost is interpolated
@@ -64,7 +65,6 @@ def test_factor_is_the_ratio_of_the_two_laws():
     line = _one(rows)
     assert (line.outcome, line.rival.entry) == ("loses", "ida")
     assert line.factor == pytest.approx(0.5)
-    assert line.drift_ratio("position") == pytest.approx(1e6)
 
 
 def test_best_of_the_family_stands_for_it():
@@ -163,11 +163,6 @@ def test_drift_that_was_not_measured_is_not_called_steady_and_free_systems_are_n
     unknown = law("ida", 10.0, 2)
     assert [line.rival for line in compare([*law("hht", 100.0, 2, drift=1e-15), *unknown], held=1e-8)] == [None] * 14
     assert compare([*law("hht", 100.0, 2), *unknown], held=1e-8) == ()
-
-
-def test_drift_of_zero_counts_as_rounding():
-    line = _one([*law("hht", 1.0, 2, drift=0.0), *law("ida", 1.0, 2, drift=1e-8)])
-    assert line.drift_ratio("position") == pytest.approx(1e-8 / 2**-52)
 
 
 def test_evaluations_that_are_not_reported_have_no_cost_but_time_has():

@@ -14,8 +14,10 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +26,7 @@ from hhtbench.protocol import Problem
 from hhtbench.result import Solution
 from problems import planar_chain
 from solvers.hht import HHT
-from tests.performance.engine.clock import compare
+from tests.performance.engine.clock import BROKEN, compare, unmeasured
 from tests.performance.engine.long_run import peak
 
 try:
@@ -120,33 +122,33 @@ class Theirs:
         return moved + start.ravel()
 
 
-def measure(case: Case) -> tuple[float, float]:
-    """Median processor time of one of our steps [s] and the ratio to Exudyn's; prints the line of this size."""
+def measure(case: Case) -> dict[str, Any]:
+    """Our time over Exudyn's, with the median processor time of one of our steps, ``ours_s`` [s]."""
     problem = planar_chain.problem(n_links=case.links)
     hht = HHT(problem.system, rho_inf=RHO)
-    ours = partial(solved, hht, problem, case.h, case.steps)
-    actions, told, fair = {"ours": ours}, "exudyn is not installed", False
-    if exudyn is not None:
-        theirs = Theirs(case.links, case.h, case.steps)
-        names = ("EXUdense", "EigenSparse") if case.links <= DENSE else ("EigenSparse",)
-        actions |= {name: partial(theirs.solve, name) for name in names}
-        reference = refined(case, hht, problem)
-        theirs.solve(names[-1])
-        errors = [float(np.abs(q - reference).max()) for q in (ours().q[-1], theirs.q)]
-        fair = errors[0] <= SAME_ERROR * errors[1]  # a larger error would make our steps cheap
-        told = f"errors {errors[0]:.1e}, {errors[1]:.1e}: {'ours is not larger' if fair else 'OURS IS LARGER'}"
-    best = lambda seconds: min((seconds[name] for name in actions if name != "ours"), default=math.nan)  # noqa: E731
+    ours, line = partial(solved, hht, problem, case.h, case.steps), {"what": f"{case.links} links", "unit": ""}
+    if exudyn is None:
+        alone = compare({"ours": ours}, lambda seconds: seconds["ours"], math.inf).cpu("ours") / case.steps
+        note = f"exudyn is not installed; {1e6 * alone:.2f} us a step"
+        return {**line, **unmeasured(case.limit, note), "ours_s": alone}
+    theirs = Theirs(case.links, case.h, case.steps)
+    names = ("EXUdense", "EigenSparse") if case.links <= DENSE else ("EigenSparse",)
+    reference = refined(case, hht, problem)
+    theirs.solve(names[-1])
+    errors = [float(np.abs(q - reference).max()) for q in (ours().q[-1], theirs.q)]
+    best = lambda seconds: min(seconds[name] for name in names)  # noqa: E731
+    actions = {"ours": ours, **{name: partial(theirs.solve, name) for name in names}}
     found = compare(actions, lambda seconds: seconds["ours"] / best(seconds), case.limit)
-    mine, other = found.cpu("ours"), best({name: found.cpu(name) for name in actions})
-    ratio, verdict = found.figure.value, found.figure.verdict(case.limit) if fair else "BROKEN"
-    kind = hht.engine_used.rpartition(", ")[2]
-    sys.stdout.write(
-        f"{case.links:6d} links  {kind:13s} ours {1e6 * mine / case.steps:8.2f} us a step  exudyn "
-        f"{1e6 * other / case.steps:8.2f}  ratio {ratio:5.3f} [{found.figure.low:5.3f}, {found.figure.high:5.3f}] of "
-        f"{case.limit:g} {verdict:11s} (clock {found.on_clock:5.3f})  {told}\n"
-    )
-    sys.stdout.flush()
-    return mine / case.steps, ratio if fair else math.inf
+    mine, other = (1e6 * seconds / case.steps for seconds in (found.cpu("ours"), best({x: found.cpu(x) for x in names})))
+    note = f"{mine:.2f} us a step, Exudyn {other:.2f}; errors {errors[0]:.1e} and {errors[1]:.1e}; {hht.engine_used}"
+    line |= {**found.line(), "note": note, "ours_s": 1e-6 * mine}
+    fair = errors[0] <= SAME_ERROR * errors[1]  # a larger error would make our steps cheap
+    return line if fair else {**line, "verdict": BROKEN, "note": f"HHT's error is larger; {note}"}
+
+
+def measure_chains(sizes: Sequence[int] = (1, 10)) -> list[dict[str, Any]]:
+    """Lines of ``make bench-engine``."""
+    return [measure(case) for case in CASES if case.links in sizes]
 
 
 def refined(case: Case, hht: HHT, problem: Problem) -> np.ndarray:
@@ -161,12 +163,15 @@ def refined(case: Case, hht: HHT, problem: Problem) -> np.ndarray:
 
 def main(sizes: list[int]) -> int:
     """Measure the sizes asked for, all of them by default; 1 if a limit breaks."""
-    cases = [case for case in CASES if not sizes or case.links in sizes]
     times, broken = {}, 0
-    for case in cases:
-        seconds, ratio = measure(case)
-        times[case.links] = seconds
-        broken += ratio > case.limit
+    for case in CASES:
+        if not sizes or case.links in sizes:
+            line = measure(case)
+            times[case.links] = line["ours_s"]
+            broken += line["verdict"] == BROKEN
+            value = "" if line["value"] is None else f"{line['value']:.3f} [{line['low']:.3f}, {line['high']:.3f}]"
+            sys.stdout.write(f"{line['what']:12} ratio {value} of {case.limit:g}: {line['verdict']}; {line['note']}\n")
+            sys.stdout.flush()
     larger = [links for links in times if links >= 100]
     if len(larger) > 1:
         first, last = min(larger), max(larger)

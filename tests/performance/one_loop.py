@@ -1,4 +1,4 @@
-"""Figures of the one loop over steps: modules behind a step, callbacks, a first solve, the command line, lines of code.
+"""Figures of the one loop over steps: modules behind a step, callbacks of a NumPy system, the command line.
 
 ``python -m tests.performance.one_loop`` prints them beside their limits and exits with 1 where one is broken;
 ``--against FOLDER`` compares the time of steps with another checkout that has its own ``.venv``, in pairs.
@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import resource
 import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from pathlib import Path
@@ -49,15 +47,6 @@ for name, span, how in (
         each.append(1e6 * (long - short) / (many - few))
     found[f"{name}, {', '.join(f'{k}={v:g}' for k, v in how.items())}"] = float(np.median(each))
 print(json.dumps(found))
-"""
-FIRST = """
-import json, time, numpy as np
-from hhtbench import load_problem
-from solvers.hht import HHT
-p = load_problem("{name}")
-began = time.perf_counter()
-assert HHT(p.system).solve(p.t_span, p.q0, p.v0, lam_guess=p.lam_guess, rtol=1e-4).success
-print(json.dumps(time.perf_counter() - began))
 """
 
 
@@ -128,12 +117,11 @@ def timed(function, *arguments, repeat: int = 10_000, **options) -> float:
     return 1e6 * (time.process_time() - began) / repeat
 
 
-def in_new_process(code: str, folder: Path = ROOT, **environment: str) -> object:
+def in_new_process(code: str, folder: Path = ROOT) -> object:
     """What ``code`` prints as JSON."""
     made = subprocess.run(
         [folder / ".venv/bin/python", "-c", code],
         cwd=folder,
-        env={**os.environ, **environment},
         capture_output=True,
         check=True,
     )
@@ -153,21 +141,8 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--against", type=Path)
     against = parser.parse_args().against
-    lines = sum(len(file.read_text().splitlines()) for room in ROOMS for file in room.rglob("*.py"))
-    rows = [
-        ("lines of solvers/hht and hhtbench/lowering", lines, 12_000.0),
-        ("modules behind a step", modules_behind_a_step(), 20.0),
-    ]
+    rows = [("modules behind a step", modules_behind_a_step(), 20.0)]
     rows += callbacks()
-    for name, limit in (("jay_negrut_pendulum", 3.0), ("andrews", 10.0)):
-        with tempfile.TemporaryDirectory() as cache:
-            rows.append(
-                (
-                    f"first solve of {name} with an empty cache [s]",
-                    in_new_process(FIRST.format(name=name), HHTBENCH_CACHE=cache),
-                    limit,
-                )
-            )
     rows += [
         (f"hhtbench {word} [s of processor time]", min(command_line(word) for _ in range(3)), 0.4)
         for word in ("--help", "list")

@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hhtbench.analysis import level_of, points, targets_of
+from hhtbench.analysis import points
 from hhtbench.analysis.cells import Point, by_entry
-from hhtbench.analysis.fronts import cost_at
+from hhtbench.analysis.fronts import cost_at, level_of, targets_of
 from hhtbench.store import load_rows
 
 ENOUGH = 0.99  # of the comparisons of a solver with itself that must find no difference

@@ -1,52 +1,33 @@
-"""What surrounds the timings of ``make bench-engine``: shares of callbacks, repeats, the table."""
+"""What surrounds the timings of ``make bench-engine``: rounds and verdicts, the contest, the printed tables and the page."""
 
 import itertools
 import json
+import re
 import subprocess
 import sys
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 
 from hhtbench import load_problem, load_solver
-from hhtbench.analysis import race
-from hhtbench.campaign.run import run_cell
-from hhtbench.report.speed_contest import contest_rows, contest_table, everyone_table, shares_table
+from hhtbench.analysis import points
 from hhtbench.request import Request
 from tests.analysis.laws import failed, law
-from tests.performance.engine import baselines, callbacks, clock, duels, field, long_run, starts
-from tests.performance.engine.callbacks import share_of, watched
-from tests.performance.engine.contest import _asked, _row, contest, kept
-from tests.performance.engine.table import printed
-from tests.report.test_speed import RUNS, SPEED
+from tests.performance.engine import baselines, clock, contest, long_run, starts
+from tests.performance.engine.page import contest_table, page, printed, summary, time_figure
+from tests.performance.engine.steps import measure_steps
+from tests.report.drawings import figures_of
 
-
-def test_shares_of_callbacks_are_parts_of_the_solve():
-    problem, request = load_problem("simple_pendulum(t_end=1)"), Request(rtol=1e-5, t_eval=[1.0])
-    solver = load_solver("scipy(method=DOP853)")
-    share = share_of(problem, solver, request)
-    counters = solver.solve(problem, request).counters
-    assert share.calls == pytest.approx(counters.residual_evaluations, abs=3)
-    assert 0.0 < share.functions < 1.0
-    assert 0.0 < share.guards < 1.0 - share.functions
-
-
-def test_guards_are_what_the_functions_leave(monkeypatch):
-    """A clock that ticks when it is read: one tick inside the function, two around it in the guard."""
-    monkeypatch.setattr(callbacks, "time", SimpleNamespace(perf_counter=itertools.count().__next__))
-    problem, request = load_problem("simple_pendulum(t_end=1)"), Request(rtol=1e-3, t_eval=[1.0])
-    share = share_of(problem, load_solver("scipy(method=DOP853)"), request)
-    assert share.guards == pytest.approx(2 * share.functions)
-
-
-def test_solves_outside_are_not_watched():
-    problem, request = load_problem("simple_pendulum(t_end=1)"), Request(rtol=1e-3, t_eval=[1.0])
-    with watched() as spent:
-        pass
-    load_solver("scipy(method=DOP853)").solve(problem, request)
-    assert spent.calls == 0
+SETTINGS = (1e-1, 1e-2, 1e-3, 1e-4)
+HHT, HELD, EXPLICIT = "hht(alpha=-0.05)", "projected(method=DOP853)", "scipy(method=DOP853)"
+ROWS = [  # at every error HHT takes a quarter of the projected method's time and twice the explicit one's, which drifts
+    *law(HHT, 10.0, 2, SETTINGS, 1e-15),
+    *law(HELD, 40.0, 2, SETTINGS, 2e-16),
+    *law(EXPLICIT, 5.0, 2, SETTINGS, 3e-4),
+    failed("ida(form=index3)", 1e-2, "newton_failed", "the corrector <did> not converge"),
+]
 
 
 def clocked(monkeypatch, **costs):
@@ -106,49 +87,126 @@ def test_without_time_for_enough_rounds_nothing_is_decided():
     assert (found.verdict(2.0), found.count) == ("not decided", 1)
 
 
-def test_a_comparison_at_equal_error_is_decided_by_paired_solves():
-    """HHT takes half the projected method's time and as much as the explicit one's, in rounds of which some are slow."""
-    rng = np.random.default_rng(1)
-    rows = [row for row in contest_rows(SPEED) if row.success]
-    one = {row.key: row.timing["best_s"] for row in rows}
-    times = {"projected(method=DOP853)": 2.0, "scipy(method=DOP853)": 1.0, "hht(alpha=-0.05)": 1.0}
+@pytest.fixture
+def by_the_campaign(monkeypatch):
+    """Solves that take what the campaign has measured, but for chance; a factor by solver."""
+    rng, factors = np.random.default_rng(1), {}
 
-    def solve(run):
-        return times[run.entry] / run.setting.value * rng.lognormal(0.0, 0.05)
+    def once(action):
+        run = action()
+        return clock.Time(factors.get(run.entry, 1.0) * run.time * rng.lognormal(0.0, 0.05), 1.0)
 
-    found = {(line["target"], line["kind"]): line for line in duels.duels(rows, solve, 1e9)}
-    assert one, "the runs have times"
-    for target in (1e-2, 1e-3, 1e-4):
-        assert found[target, "holder"]["verdict"] == duels.FASTER
-        assert found[target, "holder"]["low"] < 2.0 < found[target, "holder"]["high"]
-        assert found[target, "explicit"]["verdict"] == "not decided"
-        assert found[target, "explicit"]["count"] == duels.LOOKS[-1] > found[target, "holder"]["count"]
+    monkeypatch.setattr(clock, "once", once)
+    return factors
 
 
-def test_comparisons_that_cost_more_than_there_is_time_for_are_made_once_and_not_called_decided():
-    rows = [row for row in contest_rows(SPEED) if row.success]
-    found = duels.duels(rows, lambda run: 1.0, 1e-6)
-    assert found
-    assert {line["verdict"] for line in found} == {"not decided"}
-    assert {line["count"] for line in found} <= {None, 1}
+def contest_of(rows):
+    return contest.compared(rows, lambda run: lambda: run)
 
 
-def test_what_a_run_keeps_is_what_the_tables_read():
-    rows = [*RUNS, *(replace(row, problem="other", metrics=row.metrics | {"rows": 2}) for row in RUNS)]
-    slim = contest_rows({"runs": json.loads(json.dumps([kept(row) for row in rows]))})
-    for problem in ("pendulum", "other"):
-        assert everyone_table(slim, problem) == everyone_table(rows, problem)
-    assert contest_table(slim) == contest_table(rows)
-    assert shares_table(slim) == shares_table(rows)
+def test_costs_are_taken_at_the_same_error_and_drift_bounds_the_holders_only(by_the_campaign):
+    lines = contest_of(ROWS)
+    assert [line["target"] for line in lines] == [1e-2, 1e-3, 1e-4]
+    for line in lines:
+        assert (line["subject"]["entry"], line["holder"]["entry"]) == (HHT, HELD), "the explicit one is faster and drifts"
+        assert line["other"]["entry"] == line["explicit"]["entry"] == EXPLICIT
+        assert line["subject"]["seconds"] == pytest.approx(10.0 * line["target"] ** -0.5 * 1e-5)
+        assert line["explicit"]["drift"] == 3e-4
+        assert line["steady"]
 
 
-def test_a_run_with_all_that_is_measured_keeps_so_little_that_all_problems_are_below_a_megabyte():
-    found = run_cell(
-        load_problem("knife_edge"), load_solver("hht"), {**_asked(1e-3), "max_seconds": None}, {}, lambda _: None
-    )
-    entry = kept(_row("knife_edge", "hht(alpha=-0.05)", 1e-3, found))
-    assert set(entry["metrics"]["drift"]) == {"velocity"}
-    assert len(json.dumps(entry)) * 30 * 80 < 1e6, "problems, and runs of each"
+def test_a_comparison_at_equal_error_is_decided_by_paired_solves(by_the_campaign):
+    by_the_campaign[EXPLICIT] = 2.0  # in turn it takes as long as HHT
+    for line in contest_of(ROWS):
+        assert line["holder"]["verdict"] == contest.FASTER
+        assert line["holder"]["low"] < 0.25 < line["holder"]["high"]
+        assert line["explicit"]["verdict"] == "not decided"
+        assert line["explicit"]["count"] == contest.LOOKS[-1] > line["holder"]["count"]
+    (first, *_) = summary(contest_of(ROWS))
+    assert "is the fastest of those that keep both levels below 1e-10 on 1 (not decided on 0)" in first
+    assert "is faster than HHT on 0," in first
+
+
+def test_a_drifting_hht_is_shown_with_its_time_but_wins_nothing(by_the_campaign):
+    lines = contest_of([*law(HHT, 1.0, 2, SETTINGS, 1e-6), *ROWS[4:]])
+    assert not any(line["steady"] for line in lines)
+    assert "below 1e-10 on 0 (not decided on 0)" in summary(lines)[0]
+    assert contest_table(lines).rows[0][2].tone == "bad"
+
+
+def test_who_does_not_get_there_has_a_reason_and_the_explicit_one_gets_there_alone(by_the_campaign):
+    lines = contest_of([failed(HHT, 1e-2, "deadline", "too long"), *ROWS[8:]])
+    (cell, *_) = contest_table(lines).rows[0][2:]
+    assert (cell.text, cell.detail) == ("not reached", "deadline 1 of 1")
+    assert "of 1 problems HHT reaches it on 0" in summary(lines)[0]
+    assert "gets there alone on 1" in summary(lines)[0]
+
+
+def test_an_action_of_the_contest_solves_to_the_end_without_output():
+    problem = load_problem("simple_pendulum(t_end=1)")
+    (row, *_) = law("hht", 1.0, 2, (1e-3,))
+    row.request.update({"outputs": 2, "counting": False, "max_seconds": 60.0})
+    (run,) = points([row])
+    solution = contest.action_of(problem, {row.key: row}, run)()
+    assert solution.success
+    assert list(solution.t) == [1.0]
+
+
+def judged(value, low, high, limit, verdict, unit=""):
+    return {"value": value, "low": low, "high": high, "count": 8, "limit": limit, "verdict": verdict, "unit": unit}
+
+
+@pytest.fixture
+def speed(by_the_campaign):
+    return {
+        "created": "2026-11-22T01:00:00Z",
+        "environment": {"python": "3.11", "processor": "<Test> & Co"},
+        "seconds": 12.0,
+        "steps": [{"what": "pendulum", "note": "", **judged(0.812, 0.8, 0.83, 1.0, "holds")}],
+        "compiling": [{"what": "own cache", "note": "", **judged(0.15, 0.1, 0.25, 0.2, "not decided", "s")}],
+        "chains": [{"what": "10 links", "note": "EXUdense", **judged(0.73, 0.7, 0.75, 0.5, "BROKEN")}],
+        "memory": [{"what": "many steps", "note": "", **judged(7.0, 7.0, 7.0, 50.0, "holds", "MB")}],
+        "middle": [{"what": "bricard", **clock.unmeasured(1.0, "there is none"), "unit": "s"}],
+        "contest": contest_of(ROWS),
+    }
+
+
+def test_the_page_shows_ratios_intervals_limits_and_verdicts(speed):
+    text = page(speed)
+    assert re.search(r'<td class="good[^>]*>0\.812<small>0\.8 to 0\.83, 8 rounds; limit 1: holds', text)
+    assert re.search(r'<td class="bad[^>]*>0\.73<small>0\.7 to 0\.75, 8 rounds; limit 0\.5: BROKEN', text)
+    assert "<td>150 ms<small>100 ms to 250 ms, 8 rounds; limit 200 ms: not decided" in text
+    assert "7 MB<small>limit 50 MB: holds" in text, "what is counted has no interval"
+    assert "not measured<small>limit 1 s" in text and "there is none" in text
+    assert "&lt;Test&gt; &amp; Co" in text
+    assert f"{EXPLICIT} 500" in text and "drift 3.0e-04" in text
+    assert 'id="starts"' not in text, "it was not measured"
+
+
+def test_the_page_draws_every_error_with_labelled_axes(speed):
+    figures = figures_of(page(speed))
+    assert len(figures) == 3
+    for drawn in figures:
+        assert drawn["layout"]["xaxis"]["title"]["text"] == "processor time of one solve [s]"
+        assert [trace["name"] for trace in drawn["data"]][:2] == ["HHT", "fastest other that holds both levels"]
+        assert all(len(trace["x"]) == 1 for trace in drawn["data"])
+    low, high = figures[0]["layout"]["xaxis"]["range"]
+    assert 10**low < 0.5e-3 < 4e-3 < 10**high
+    go.Figure(time_figure(speed["contest"]))  # which refuses what plotly does not know
+
+
+def test_the_printed_table_holds_ratios_limits_and_the_verdict(speed):
+    text = printed(json.loads(json.dumps(speed)))
+    assert "0.812 0.8 to 0.83, 8 rounds; limit 1: holds" in text
+    assert "5 limits: 2 holds, 1 BROKEN, 1 not decided, 1 not measured" in text
+    assert re.search(rf"{re.escape(HELD)} 4 ms HHT 0\.2\d+. its time, 0\.2\d* to 0\.2\d*: faster; drift 2\.0e-16", text)
+
+
+def test_a_missing_compiler_is_told_and_nothing_is_called_broken(monkeypatch, tmp_path):
+    monkeypatch.setattr(baselines, "compiler", lambda: None)
+    lines = measure_steps()
+    assert {line["verdict"] for line in lines} == {"not measured"}
+    assert all("no C compiler" in line["note"] for line in lines)
 
 
 def test_memory_is_not_that_of_the_process_that_started_it():
@@ -167,50 +225,3 @@ def test_the_librarys_own_start_is_what_the_adapter_hands_over():
         run = starts._caught(adapter, problem, request)
         assert run.steps == 1
         starts._library_start(run, name)()
-
-
-def test_no_compiler_is_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(baselines, "compiler", lambda: None)
-    with pytest.raises(RuntimeError, match="no C compiler"):
-        baselines.build(tmp_path)
-
-
-def test_a_contest_without_time_has_a_row_for_every_solver_that_says_not_run():
-    rows, compared = contest("knife_edge", 0.0)
-    assert len(rows) == len({row.solver for row in rows}) == 16
-    assert {row.status for row in rows} == {"not run"}
-    assert compared == []
-    text = printed({**SPEED, "runs": [kept(row) for row in rows], "duels": []})
-    assert "HHT reaches it on 0, was not run that far on 1," in text
-    assert "not run: the time of the section was up" in text
-    assert "HHT is not there" not in text
-
-
-def test_a_solver_that_was_cut_short_does_not_fail(monkeypatch):
-    """Its ladder ends above the error: it was not run that far."""
-    rows = [*law("hht(alpha=-0.05)", 10.0, 2, (1e-1, 1e-2), 1e-15), failed("hht(alpha=-0.05)", 1e-3, "not run", "time")]
-    reasons = {line.target: line.missing["hht(alpha=-0.05)"] for line in race(rows) if line.missing}
-    assert {reason.kind for reason in reasons.values()} == {"not run"}
-    assert "not run: time" in reasons[1e-4].text
-
-
-def test_a_process_that_crashes_costs_its_problem_only(monkeypatch):
-    monkeypatch.setattr(field.sys, "executable", "/bin/false")
-    rows = field.measure_field(("knife_edge", "oscillator_chain"), 60.0)["runs"]
-    assert {row["problem"] for row in rows} == {"knife_edge"}, "oscillator_chain has no constraints"
-    assert {row["status"] for row in rows} == {"crashed"}
-    assert len(rows) == 16
-
-
-def test_without_time_every_problem_is_named_and_not_run():
-    rows = field.measure_field(("knife_edge", "andrews"), -1.0)["runs"]
-    assert {(row["problem"], row["status"]) for row in rows} == {("knife_edge", "not run"), ("andrews", "not run")}
-
-
-def test_the_printed_table_holds_ratios_limits_and_the_verdict():
-    rows = json.loads(json.dumps(SPEED["runs"]))
-    text = printed({**SPEED, "runs": rows})
-    assert "0.812 0.8 to 0.83, 8 rounds; limit 1: holds" in text
-    assert "6 limits: 4 holds, 1 BROKEN, 1 not decided, 0 not measured" in text
-    assert "engine: compiled" in text
-    assert law("hht", 1, 2)[0].problem in text

@@ -7,14 +7,10 @@ import json
 import re
 import shutil
 import subprocess
-from dataclasses import asdict, replace
 
 import pytest
 
-from hhtbench.report import write_comparison
-from tests.report.conftest import COMMAND
 from tests.report.synthetic import PROBLEMS, SOLVERS
-from tests.report.test_speed import RUNS, SPEED, written
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium: the page is not looked at")
@@ -102,17 +98,6 @@ async function csv(figure) {
   told.csv = await csv(figure);
   told.profile = await csv(wide.getElementById("plot-errors-reached-within-a-cost"));
 """
-MACHINE_SPEED = """
-  const pages = [await opened("index.html", NARROW), await opened("index.html", WIDE)];
-  const box = page => page.querySelector("#plot-speed-time-1e-02 .plot");
-  const areas = [...pages[0].querySelectorAll("[id^=plot-speed-time] .nsewdrag")];
-  told.drawn = areas.map(one => one.getBoundingClientRect().width);
-  told.overflow = pages[0].documentElement.scrollWidth;
-  told.names = pages.map(page => [...box(page).querySelectorAll(".ytick")].map(one => one.textContent));
-  [...pages[1].querySelectorAll("button")].find(one => one.textContent === "none").click();
-  await drawn(pages[1]);
-  told.visible = box(pages[1]).data.map(trace => trace.visible);
-"""
 
 
 def looked_at(report, script, *flags):
@@ -192,16 +177,3 @@ def test_a_dark_page_has_a_dark_ground_and_figures_turned_round(report, told):
     dark = looked_at(report, COMPARISON, "--blink-settings=preferredColorScheme=0")
     assert max(map(int, re.findall(r"\d+", dark["ground"]))) < 60
     assert dark["filter"] == "invert(1) hue-rotate(180deg)"
-
-
-def test_every_problem_has_its_name_on_the_axis_of_machine_speed_and_plots_fill_three_fifths_of_a_telephone(rows, tmp_path):
-    names = ["slider_crank_equal_lengths(t_end=0.2)", *(f"problem_{number}" for number in range(24))]
-    runs = [asdict(replace(row, problem=name, key=f"{name}{row.key}")) for name in names for row in RUNS]
-    written(tmp_path, SPEED | {"runs": runs, "duels": []})
-    write_comparison([row for row in rows if row.problem == "andrews"], tmp_path, COMMAND)
-    told = looked_at(tmp_path, MACHINE_SPEED)
-    assert [set(found) for found in told["names"]] == [set(names)] * 2
-    assert told["visible"] == [True] * 4  # they are no solvers of the comparison's legend
-    assert len(told["drawn"]) == 3
-    assert told["overflow"] == NARROW
-    assert min(told["drawn"]) >= 0.6 * NARROW

@@ -17,8 +17,8 @@ from tests.report.drawings import figures_of
 from tests.report.synthetic import SOLVERS
 
 
-def _charts(rows, problem="pendulum"):
-    return {chart.id: chart for chart in problem_charts(rows, problem)}
+def _charts(rows):
+    return {chart.id: chart for chart in problem_charts(rows)}
 
 
 def _drawn(chart, *entries):
@@ -119,7 +119,7 @@ def test_declined_runs_of_a_solver_share_one_mark_at_the_right_edge():
 def test_every_row_is_a_point_or_a_mark(rows):
     for problem in ("andrews", "knife_edge", "oscillator_chain(n=10)"):
         own = [row for row in rows if row.problem == problem]
-        chart = _charts(own, problem)["work-time"]
+        chart = _charts(own)["work-time"]
         inside = sum(len(trace.x) for trace in chart.traces)
         marked = sum(mark.text.count("rtol ") for mark in chart.marks)
         assert inside + marked == len(own)

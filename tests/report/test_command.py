@@ -26,7 +26,16 @@ def test_report_of_a_store_is_written_with_the_verification_in_the_folder(store,
     assert result.exit_code == 0, result.output
     assert "index.html" in result.output
     assert ">andrews</h2>" in (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert "| 5.1/q" in (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "The one claim holds." in (tmp_path / "summary.md").read_text(encoding="utf-8")
+
+
+def test_without_a_folder_the_summary_is_printed_and_nothing_written(store, tmp_path):
+    result = CliRunner().invoke(main, ["report", "--store", str(store)])
+    assert result.exit_code == 0, result.output
+    assert result.output.startswith("# Accuracy, work and drift")
+    assert "## Wins and losses" in result.output
+    assert result.output.count("\n") <= 200
+    assert [path.name for path in tmp_path.iterdir() if "sqlite" not in path.name] == []
 
 
 def test_what_a_report_says_is_there_as_json(store, tmp_path):
@@ -35,7 +44,7 @@ def test_what_a_report_says_is_there_as_json(store, tmp_path):
     assert result.exit_code == 0, result.output
     told = json.loads(file.read_text(encoding="utf-8"))
     assert (told["rows"], told["losses"]) == (75, "")
-    assert all(sentence in (tmp_path / "report.md").read_text(encoding="utf-8") for sentence in told["rules"][:2])
+    assert all(sentence in (tmp_path / "summary.md").read_text(encoding="utf-8") for sentence in told["summary"][:2])
     assert {"drift", "by", "all"} <= set(told["balance"]["headers"])
     tables = told["problems"]["andrews"]["tables"]
     assert "Cheapest solvers at a given error" in tables
@@ -53,7 +62,7 @@ def test_rows_that_cannot_be_read_are_named_on_the_page_and_the_exit_code_is_1(s
     said = f"{store} is damaged: 1 row cannot be read: "
     assert said in result.stderr
     assert said in (tmp_path / "index.html").read_text(encoding="utf-8")
-    assert "is damaged: 1 row cannot be read: " in (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "is damaged: 1 row cannot be read: " in (tmp_path / "summary.md").read_text(encoding="utf-8")
 
 
 def test_a_truncated_store_without_a_row_that_can_be_read_is_refused_by_name(store, tmp_path):

@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 
 from hhtbench import analysis
+from hhtbench.analysis.fronts import campaign_of
 from hhtbench.report.colours import solver_styles
 from hhtbench.report.decisions import decisions
 from hhtbench.report.overview import drift_views, profile_views
@@ -92,7 +93,7 @@ def asked_for(rows, source):
 
 
 def tables_of(rows):
-    return decisions(rows, analysis.kinds(rows), analysis.campaign_of(rows))
+    return decisions(rows, analysis.kinds(rows), campaign_of(rows))
 
 
 @pytest.mark.parametrize("seed", range(12))

@@ -6,7 +6,9 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import compare, equally_accurate, family
+from hhtbench.analysis import compare
+from hhtbench.analysis.cells import family
+from hhtbench.analysis.drift import equally_accurate
 from hhtbench.report import words
 from hhtbench.report.summary import problem_summary, summary
 from hhtbench.report.words import times
@@ -111,7 +113,7 @@ def test_loss_is_said_with_factor_rival_and_its_drift():
 
 def test_win_is_said_and_no_loss():
     rows = _contest(25.0, 100.0)
-    text = " ".join([*summary(rows), *problem_summary(rows, "pendulum")])
+    text = " ".join([*summary(rows), *problem_summary(rows)])
     assert f"ida(form=ggl) needs {times(4)} the processor time of hht(alpha=0)" in text
     assert "loses 0" in text
     assert "It loses most" not in text
@@ -120,22 +122,22 @@ def test_win_is_said_and_no_loss():
 
 def test_problem_says_where_hht_loses_and_where_it_wins():
     rows = [*law("hht", 10.0, 2), *law("ida", 400.0, 4)]
-    by_time, by_count = problem_summary(rows, "pendulum")
+    by_time, by_count = problem_summary(rows)
     assert by_time.replace("processor time", "residual evaluations") == by_count
     lines = [line for line in compare(rows) if line.measure == "evaluations"]
     assert [line.outcome for line in lines] == ["wins"] * 6 + ["unknown"]
     assert f"HHT wins against ida at 1e-01 ({times(22.5)}), 1e-02 ({times(12.6)})" in by_count
     rows = [*law("hht", 100.0, 2), *law("ida", 400.0, 4)]
-    text = problem_summary(rows, "pendulum")[1]
+    text = problem_summary(rows)[1]
     assert f"HHT loses to ida at 1e-03 ({times(1.41)}), 1e-04 ({times(2.5)})" in text
     assert f"wins against ida at 1e-01 ({times(2.25)}) and 1e-02 ({times(1.26)})" in text
 
 
 def test_factor_from_an_upper_bound_says_so():
     rows = [*law("hht", 10.0, 2), run("ida", 1e-3, 1e-9, 1e6)]
-    assert "at most " in problem_summary(rows, "pendulum")[1]
+    assert "at most " in problem_summary(rows)[1]
     rows = [run("hht", 1e-3, 1e-9, 1.0), *law("ida", 10.0, 2)]
-    assert "at least " in problem_summary(rows, "pendulum")[1]
+    assert "at least " in problem_summary(rows)[1]
 
 
 def test_missing_data_are_said():
@@ -144,7 +146,7 @@ def test_missing_data_are_said():
     assert "never reach the same error" in " ".join(summary([row for row in rows if "hht" in row.solver]))
     unknown = [replace(row, metrics={"drift": {}}) for row in rows]
     assert "No error is known on pendulum" in " ".join(summary(unknown))
-    assert "nothing can be compared (no exact solution" in problem_summary(unknown, "pendulum")[0]
+    assert "nothing can be compared (no exact solution" in problem_summary(unknown)[0]
     beside = [replace(row, timing={"solve_s": 1.0, "best_s": None}) for row in rows]
     assert f"{len(rows)} of {len(rows)} times were taken beside other work" in " ".join(summary(beside))
     silent = [replace(row, counters={}) for row in rows]
@@ -161,7 +163,7 @@ def test_missing_data_are_said():
 
 def test_failing_hht_is_said_where_others_get_there():
     rows = [failed("hht", 1e-3), *law("ida", 25.0, 2)]
-    text = " ".join([*summary(rows), *problem_summary(rows, "pendulum")])
+    text = " ".join([*summary(rows), *problem_summary(rows)])
     assert "it does not get there and others do in 6" in text
     assert "does not get to 1e-01, 1e-02, 1e-03, 1e-04, 1e-05 and 1e-06 (newton_failed 1 of 1)" in text
 
@@ -169,11 +171,11 @@ def test_failing_hht_is_said_where_others_get_there():
 def test_what_ended_a_ladder_is_counted_and_nothing_is_called_not_tried():
     given = [*law("hht", 100.0, 2, (1e-1, 1e-2, 2e-4)), *law("ida", 25.0, 2)]
     rows = ladder(given, accuracies=[1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7], refinements=3)
-    text = " ".join([*summary(rows), *problem_summary(rows, "pendulum")])
+    text = " ".join([*summary(rows), *problem_summary(rows)])
     assert "Of 14 targets, each a problem, a solver and an error, 9 are reached. The others: a stated cap 5." in text
     assert "Not tried: 0." in text
     assert "does not get to 1e-04, 1e-05 and 1e-06 (smallest error 0.0002; 3 runs, the most of one solver on one" in text
-    text = " ".join([*summary(given), *problem_summary(given, "pendulum")])
+    text = " ".join([*summary(given), *problem_summary(given)])
     assert "9 are reached. The others: no run so accurate 5. Not tried: 5." in text
     assert "is not compared at 1e-04, 1e-05, 1e-06 and 1e-07 (smallest error 0.0002; finest run rtol 2e-04" in text
 

@@ -76,9 +76,9 @@ def compare(
     actions: Actions, figure: Figure, limit: float, patience: float = PATIENCE, looks: Sequence[int] = LOOKS
 ) -> Compared:
     """``figure`` of rounds of ``actions`` beside ``limit``, after one round that does not count."""
-    gc.collect()
-    gc.freeze()  # JAX's objects: every later collection would walk through them, 0.1 s each time
     _round(actions)
+    gc.collect()
+    gc.freeze()  # JAX's objects, also of that round: every later collection would walk through them, 0.1 s each time
     rounds: list[Mapping[str, Time]] = []
 
     def one() -> float:

@@ -1,232 +1,140 @@
-"""Section 4: one problem, every solver, a ladder of tolerances; run in a process of its own.
+"""HHT beside the reference solvers at equal error, on every constrained problem of the library.
 
-``python -m tests.performance.engine.contest SPEC SECONDS`` prints the runs, what the tables read of a
-:class:`~hhtbench.store.rows.RunRow`, and the comparisons as one line of JSON.  Times are processor times of solves without
-output before the end.
+A campaign says what every solver pays for an error and how far it drifts.  HHT and its best rivals are then solved in turn:
+what a side pays is interpolated between two of its runs, and a round solves all of them once.
 """
 
 from __future__ import annotations
 
-import json
-import sys
-import time
-from dataclasses import asdict, dataclass
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 from hhtbench import load_problem, load_solver
-from hhtbench.analysis.cells import Point, state_error
-from hhtbench.analysis.missing import NOT_RUN
-from hhtbench.campaign.run import attempt, request_of, run_cell, succeeded, without_output
-from hhtbench.evidence import plain
-from hhtbench.protocol import Problem
-from hhtbench.specs import canonical
-from hhtbench.store import RunRow
-from tests.performance.engine.callbacks import share_of
-from tests.performance.engine.clock import once
-from tests.performance.engine.duels import duels
-from tests.performance.engine.ours import SPEC
+from hhtbench.analysis import fronts, points
+from hhtbench.analysis.cells import SUBJECT, Point, by_entry, family
+from hhtbench.analysis.fronts import STEADY, Cost, Front, constrained_levels, cost_at, holds, pareto
+from hhtbench.campaign import Campaign, Grid, run_campaign
+from hhtbench.campaign.execute import machine_limits
+from hhtbench.campaign.run import request_of, without_output
+from hhtbench.protocol import Problem, declared
+from hhtbench.reference.plan import registered_plans, validated_spec
+from hhtbench.registry import list_problems
+from hhtbench.store import RunRow, Store
+from tests.performance.engine.clock import BROKEN, HOLDS, UNDECIDED, compare
 
-FINEST = 1e-4  # the smallest error in the tables: a ladder ends when it is reached
-LADDERS = {
-    "hht": (3e-2, 1e-2, 3e-3, 1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6, 3e-7, 1e-7),
-    "": (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8),
-}
+TARGETS = (1e-2, 1e-3, 1e-4)  # achieved scaled errors
+QUICK = ("jay_negrut_pendulum", "andrews", "knife_edge")
 ENTRANTS = (
-    SPEC.format(alpha=-0.05),
-    SPEC.format(alpha=-0.3),
-    "scipy(method=DOP853)",
-    "projected(method=DOP853)",
-    "ida(form=ggl)",
-    "ida(form=index1)",
-    "cvode(form=ode, method=adams)",
-    "minimal(solver=scipy, method=DOP853)",
-    "minimal(solver=cvode, form=ode, method=bdf)",
-    "projected(method=Tsit5)",
-    "cvode(form=ode, method=bdf)",
-    "scipy(method=LSODA)",
-    "scipy(method=Radau)",
-    "ida(form=integrated)",
-    "ida(form=index2)",
-    "ida(form=index3)",
+    *("hht(alpha=-0.05)", "hht(alpha=-0.3)"),
+    *("scipy(method=DOP853)", "scipy(method=LSODA)", "scipy(method=Radau)"),
+    *("projected(method=DOP853)", "projected(method=Tsit5)"),
+    *(f"ida(form={form})" for form in ("ggl", "index1", "integrated", "index2", "index3")),
+    *("cvode(form=ode, method=adams)", "cvode(form=ode, method=bdf)"),
+    *("minimal(solver=scipy, method=DOP853)", "minimal(solver=cvode, form=ode, method=bdf)"),
 )
-MAX_SECONDS = 3.0  # of one solve: more than a hundred times what HHT needs on most problems [s]
-REPEATS = 2  # of every run, to find who is compared with whom; the comparisons repeat what they need
-STARTS = 3  # times of a start
-BEHIND = 100.0  # times what HHT's longest solve takes: behind it, and LONG, a finer tolerance of another decides nothing
-LONG = 0.5  # solves from which one time is enough [s]
-DECIDING = 8.0  # for the comparisons of one problem [s]
-CLIMBING = 0.7  # of the time of the problem, after which no solve of a ladder is begun
-WORST = 1.0  # errors above it are of no interest: not timed again
-DIGITS = 5  # of a number in the file
-MESSAGE = 160  # characters of why a run failed
-HOPELESS = ("declined", "deadline", "user_exception", NOT_RUN)  # a finer tolerance ends alike
+EXPLICIT = "scipy(method=DOP853)"  # high order, on the underlying ODE, never projected
+RIVALS = ("holder", "other", "explicit")  # the fastest other that holds both levels, the fastest other, ``EXPLICIT``
+RULES = {"max_seconds": 3.0, "pair_seconds": 6.0, "repeats": 1, "counting": False}
+LOOKS = (8, 16, 32)  # rounds after which a comparison may be decided
+PATIENCE = 3.0  # of one comparison [s]
+FASTER, SLOWER = "faster", "slower"  # HHT is
+VERDICTS = {HOLDS: FASTER, BROKEN: SLOWER, UNDECIDED: UNDECIDED}  # of HHT's time over the rival's, beside a limit of 1
+
+Line = dict[str, Any]
+Solve = Callable[[Point], Callable[[], object]]  # a run -> the action that makes it once more
 
 
-@dataclass
-class Entrant:
-    """One solver on the problem."""
-
-    spec: str
-    solver: Any
-    rows: list[RunRow]
-
-
-@dataclass
-class Limit:
-    """When the time of the problem is up."""
-
-    end: float
-
-    def passed(self) -> bool:
-        return time.perf_counter() > self.end
+def measure_contest(names: Sequence[str], store: Path) -> list[Line]:
+    """One line a problem and error; all runs are kept in ``store``, made anew."""
+    plan = registered_plans()
+    specs = [spec for spec in (validated_spec(name, plan) for name in names or list_problems()) if _constrained(spec)]
+    campaign = Campaign(grids=(Grid(problems=tuple(specs), solvers=ENTRANTS),), accuracies=TARGETS, **RULES)
+    store.unlink(missing_ok=True)
+    with Store(store) as opened:
+        rows = run_campaign(campaign, opened, limits=machine_limits()).rows
+    lines = []
+    for problem in dict.fromkeys(row.problem for row in rows):
+        own = [row for row in rows if row.problem == problem]
+        lines += compared(own, partial(action_of, load_problem(problem), {row.key: row for row in own}))
+    return lines
 
 
-def contest(spec: str, seconds: float) -> tuple[list[RunRow], list[dict[str, Any]]]:
-    """All rows of the problem ``spec``, and the comparisons; cells that ``seconds`` [s] do not suffice for say so."""
-    climbing, limit = (Limit(time.perf_counter() + part * seconds) for part in (CLIMBING, 1.0))
-    problem = load_problem(spec)
-    entrants = [Entrant(name, load_solver(name), []) for name in ENTRANTS]
-    slowest = LONG
-    for entrant in entrants:
-        _climb(entrant, problem, spec, climbing, slowest)
-        if entrant.spec.startswith("hht"):
-            slowest = max([slowest, *(BEHIND * row.timing.get("solve_s", 0.0) for row in entrant.rows)])
-    timer = Timer(entrants, problem)
-    timer.all_in_turn(limit)
-    rows = [row for entrant in entrants for row in entrant.rows]
-    compared = duels(rows, timer.solve, min(DECIDING, limit.end - time.perf_counter()))
-    timer.note()
-    for entrant in entrants:
-        _watch_callbacks(entrant, problem, limit)
-    return rows, compared
+def _constrained(spec: str) -> bool:
+    system = load_problem(spec).system
+    return any(declared(system, name) is not None for name in ("constraint", "velocity_constraint"))
 
 
-def _climb(entrant: Entrant, problem: Problem, spec: str, limit: Limit, slowest: float) -> None:
-    """From the loosest tolerance to the one that reaches ``FINEST``, or the first that takes too long, ``slowest`` [s]."""
-    warm: dict[str, float] = {}
-    took, ours = 0.0, entrant.spec.startswith("hht")
-    for rtol in LADDERS.get(entrant.spec.partition("(")[0], LADDERS[""]):
-        if limit.passed():
-            found: dict[str, Any] = {"status": NOT_RUN, "message": "the time of the section was up"}
-        elif took > slowest and not ours:
-            text = f"the tolerance before took {took:.1f} s, over {BEHIND:.0f} times HHT's longest"
-            found = {"status": NOT_RUN, "message": text}
-        else:
-            found = run_cell(problem, entrant.solver, _asked(rtol), warm, lambda _: None)
-        row = _row(spec, entrant.spec, rtol, found)
-        entrant.rows.append(row)
-        took = row.timing.get("solve_s", 0.0)
-        error = state_error(row) if row.success else None
-        if row.status in HOPELESS or (error is not None and error <= FINEST):
-            return
+def action_of(problem: Problem, rows: Mapping[str, RunRow], run: Point) -> Callable[[], object]:
+    """One more solve of ``run``, without output on the way."""
+    request = without_output(problem, request_of(problem, rows[run.key].request))
+    return partial(load_solver(run.solver).solve, problem, request)
 
 
-def _asked(rtol: float) -> dict[str, Any]:
-    """The request of a cell: the times of the reference and the ends."""
-    none = dict.fromkeys(("atol", "step", "steps"))
-    return {"rtol": rtol, **none, "outputs": 2, "counting": False, "max_seconds": MAX_SECONDS}
+def compared(rows: Sequence[RunRow], solve: Solve, patience: float = PATIENCE) -> list[Line]:
+    """The lines of one problem: HHT, and every kind of rival with the comparison in turn."""
+    lines, decided = [], dict[Any, Line]()
+    found = points(rows)
+    for free, held in zip(fronts(rows, "time", TARGETS), fronts(rows, "time", TARGETS, STEADY), strict=True):
+        steady = _first(held, lambda cost: family(cost.entry) == SUBJECT)
+        ours = steady or _first(free, lambda cost: family(cost.entry) == SUBJECT)
+        rivals = {
+            "holder": _first(held, lambda cost: family(cost.entry) != SUBJECT),
+            "other": _first(free, lambda cost: family(cost.entry) != SUBJECT),
+            "explicit": _first(free, lambda cost: cost.entry == EXPLICIT),
+        }
+        line: Line = {"problem": free.problem, "target": free.target, "subject": _side(ours), "why": _why(free, ours)}
+        for kind, rival in rivals.items():
+            line[kind] = _side(rival)
+            if ours is not None and rival is not None:
+                sides = _runs(found, ours, steady is not None), _runs(found, rival, kind == "holder")
+                key = free.target, tuple(run.key for side in sides for run in side)
+                if key not in decided:
+                    decided[key] = _duel(sides, free.target, solve, patience)
+                line[kind] |= decided[key]
+        lines.append(line | {"steady": steady is not None})
+    return lines
 
 
-def _row(problem: str, solver: str, rtol: float, found: dict[str, Any]) -> RunRow:
-    name = canonical(solver)
-    kept = {key: found.get(key) or {} for key in ("metrics", "counters", "timing")}
-    return RunRow(
-        key=f"{problem} {name} {rtol:g}",
-        problem=canonical(problem),
-        solver=name.replace("'", ""),
-        request=_asked(rtol),
-        status=found["status"],
-        message=found["message"],
-        **kept,
-    )
+def _first(front: Front, wanted: Callable[[Cost], bool]) -> Cost | None:
+    return next((cost for cost in front.costs if wanted(cost)), None)
 
 
-class Timer:
-    """Processor times of the runs that succeeded."""
-
-    def __init__(self, entrants: list[Entrant], problem: Problem) -> None:
-        self.problem = problem
-        self.runs = {row.key: (entrant.solver, row) for entrant in entrants for row in entrant.rows if _of_interest(row)}
-        self.taken: dict[str, list[float]] = {key: [] for key in self.runs}
-
-    def all_in_turn(self, limit: Limit) -> None:
-        """Every run some times, a long one once."""
-        for repeat in range(REPEATS):
-            for key, (_, row) in self.runs.items():
-                if not (limit.passed() or (repeat and row.timing["solve_s"] > LONG)):
-                    self._solve(key)
-        self.note()
-
-    def solve(self, run: Point) -> float | None:
-        """One more of ``run``; None where it failed."""
-        return self._solve(run.key)
-
-    def _solve(self, key: str) -> float | None:
-        solver, row = self.runs[key]
-        outcome = attempt(self.problem, solver, without_output(self.problem, request_of(self.problem, row.request)))
-        if not succeeded(outcome):
-            return None
-        self.taken[key].append(outcome.cpu)
-        return outcome.cpu
-
-    def note(self) -> None:
-        """The best of each in its row."""
-        for key, (_, row) in self.runs.items():
-            if self.taken[key]:
-                row.timing.update(best_s=min(self.taken[key]), repeats=len(self.taken[key]))
+def _side(cost: Cost | None) -> Line | None:
+    """What a table shows of a cost, in seconds of the campaign."""
+    if cost is None:
+        return None
+    drifts = [drift for drift in (cost.run.position, cost.run.velocity) if drift is not None]
+    return {"entry": cost.entry, "seconds": cost.value, "bound": cost.bound, "drift": max(drifts, default=None)}
 
 
-def _of_interest(row: RunRow) -> bool:
-    error = state_error(row) if row.success else None
-    return error is not None and error <= WORST
+def _why(front: Front, ours: Cost | None) -> str:
+    """Why HHT does not reach the error."""
+    own = [reason for entry, reason in front.missing.items() if family(entry) == SUBJECT]
+    return own[0].text if own and ours is None else ""
 
 
-def _watch_callbacks(entrant: Entrant, problem: Problem, limit: Limit) -> None:
-    """Of the most accurate run that succeeded: its start alone, and in an untimed solve the share of the callbacks."""
-    good = [row for row in entrant.rows if _of_interest(row)]
-    if not good or limit.passed() or good[-1].timing["solve_s"] > LONG:
-        return
-    request = without_output(problem, request_of(problem, good[-1].request))
-    starts = [once(lambda: entrant.solver.warm_up(problem, request)).cpu for _ in range(STARTS)]
-    good[-1].timing["start_s"] = min(starts)
-    share = share_of(problem, entrant.solver, request)
-    if share is not None:
-        good[-1].timing["callbacks"] = asdict(share)
+def _runs(found: Iterable[Point], cost: Cost, steady: bool) -> list[Point]:
+    """The runs between which ``cost`` is interpolated, the accurate one last."""
+    own = by_entry(found)[cost.entry]
+    levels = constrained_levels(own)
+    best = pareto([run for run in own if not steady or holds(run, levels, STEADY)], "time")
+    place = next(i for i, run in enumerate(best) if run.key == cost.run.key)
+    return list(best[max(place - 1, 0) : place + 1])
 
 
-def kept(row: RunRow) -> dict[str, Any]:
-    """What the tables read of a row."""
-    errors, drift = row.metrics.get("errors") or {}, row.metrics.get("drift") or {}
-    sizes = {name: {"max_scaled": entry["max_scaled"]} for name, entry in errors.items() if name in ("q", "v")}
-    if not sizes and errors:
-        sizes = {"observables": errors.get("observables") or {}}
-    measured = {"errors": {**sizes, "digits": errors.get("digits")}} if errors else {}
-    measured["drift"] = {name: drift[name] for name in ("position", "velocity") if drift.get(name) is not None}
-    times = {name: row.timing[name] for name in ("solve_s", "best_s", "start_s", "callbacks") if name in row.timing}
-    return {
-        "problem": row.problem,
-        "solver": row.solver,
-        "request": {"rtol": row.request["rtol"]},
-        "status": row.status,
-        "message": "" if row.success else row.message[:MESSAGE],
-        "metrics": rounded(measured),
-        "timing": rounded(times),
-    }
+def _duel(sides: Sequence[Sequence[Point]], target: float, solve: Solve, patience: float) -> Line:
+    """HHT's time over the rival's, by solves taken in turn."""
 
+    def figure(seconds: Mapping[str, float]) -> float:
+        costs = [cost_at([replace(run, time=seconds[run.key]) for run in side], target, "time") for side in sides]
+        return costs[0].value / costs[1].value  # type: ignore[union-attr]
 
-def rounded(value: Any) -> Any:
-    """All numbers to the digits that count."""
-    if isinstance(value, dict):
-        return {name: rounded(entry) for name, entry in value.items()}
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
-
-
-def main(spec: str, seconds: str) -> None:
-    """Runs and comparisons as one line of JSON."""
-    rows, compared = contest(spec, float(seconds))
-    found = {"runs": [kept(row) for row in rows], "duels": rounded(plain(compared))}
-    sys.stdout.write(json.dumps(plain(found)) + "\n")
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+    actions = {run.key: solve(run) for side in sides for run in side}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of redundant constraints: the campaign has told
+        line = compare(actions, figure, 1.0, patience, LOOKS).line()
+    return {**line, "verdict": VERDICTS[line["verdict"]]}

@@ -1,4 +1,4 @@
-"""Sections 5 to 7: time of a controlled step of middle mechanisms, work of a step over the library, memory of a long run."""
+"""Time of a controlled step of middle mechanisms, work of a step over the library, memory of a long run."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def measure_evaluations() -> list[dict[str, Any]]:
     note = f"{len(per_step)} problems, {min(per_step.values()):.2g} to {per_step[most]:.2g} ({most})"
     what = f"residual evaluations of a step at rtol {EVALUATIONS_RTOL:g}, mean over the library"
     line = _counted(what, mean, EVALUATIONS, "; ".join([note, *failed]), "")
-    return [{**line, "others": per_step}]
+    return [line]
 
 
 def measure_memory() -> list[dict[str, Any]]:

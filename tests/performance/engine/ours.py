@@ -1,4 +1,4 @@
-"""The engine of the library that is measured."""
+"""Steps of the library that are measured."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ import numpy as np
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution
 from solvers.hht import HHT
-
-ENGINE = "compiled"
-SPEC = "hht(alpha={alpha})"  # in the contest: the engine that HHT chooses itself
 
 
 def constant_steps(problem: Problem, h: float, steps: int, **method: Any) -> Solution:
@@ -24,7 +21,7 @@ def constant_steps(problem: Problem, h: float, steps: int, **method: Any) -> Sol
     """
     end = problem.t_span[0] + h * steps
     guesses = {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
-    solution = HHT(problem.system, **method, engine=ENGINE).solve(
+    solution = HHT(problem.system, **method, engine="compiled").solve(
         (problem.t_span[0], end), problem.q0, problem.v0, steps=steps, t_eval=np.array([end]), **guesses
     )
     if not solution.success:

@@ -1,4 +1,4 @@
-"""Section 4: what a solve costs beside its steps.
+"""What a solve costs beside its steps.
 
 A solve of one step of the paper's pendulum holds everything that a solve does once.  With an adapter the library's own start
 and first step, on the same functions without our checks, counters and output, are subtracted.
