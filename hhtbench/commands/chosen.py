@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import click
 
-OPTIONS = (
+from hhtbench.output import with_options
+
+campaign_options = with_options(  # what hhtbench.campaign.asked.asked_campaign takes
     click.option("--problems", multiple=True, help='Specs, "andrews, knife_edge(Om=3)"; may be given several times.'),
     click.option("--solvers", multiple=True, help='Specs, "hht(alpha=-0.1), ida(form=ggl)".'),
     click.option("--rtol", multiple=True, help='Relative tolerances, "1e-4, 1e-6".'),
@@ -21,10 +20,3 @@ OPTIONS = (
         help="auto: certify problems without a known truth by two families on two forms first.  [default: the campaign's]",
     ),
 )
-
-
-def campaign_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """What :func:`hhtbench.campaign.asked.asked_campaign` takes, as options of ``command``."""
-    for option in reversed(OPTIONS):
-        command = option(command)
-    return command
