@@ -26,7 +26,7 @@ class NewFile(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path of the file."""
-        file = super().convert(value, param, ctx)
+        file: Any = super().convert(value, param, ctx)
         require_folder(file)
         return file
 

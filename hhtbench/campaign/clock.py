@@ -20,7 +20,7 @@ from hhtbench.request import Request
 
 LEAST = 0.02  # s of solves in a reading: the clock's own steps, and what a process does beside, are far below
 PATIENCE = 5.0  # times as much wall time, after which a reading of a solve that waits ends
-LONG = 0.3  # s: of longer solves one reading is enough, they vary little
+LONG = 0.05  # s: of longer solves one reading is enough, they vary little
 DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
 
 
