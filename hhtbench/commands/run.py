@@ -11,14 +11,28 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhtbench.commands.chosen import campaign_options
 from hhtbench.errors import ProblemError
 from hhtbench.interruption import Interrupted, ends_at_once, ends_in_order
-from hhtbench.output import FILE, Command, Found, jobs_option
+from hhtbench.output import FILE, Command, Found, jobs_option, with_options
 from hhtbench.progress import progress
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+
+campaign_options = with_options(  # what hhtbench.campaign.asked.asked_campaign takes
+    click.option("--problems", multiple=True, help='Specs, "andrews, knife_edge(Om=3)"; may be given several times.'),
+    click.option("--solvers", multiple=True, help='Specs, "hht(alpha=-0.1), ida(form=ggl)".'),
+    click.option("--rtol", multiple=True, help='Relative tolerances, "1e-4, 1e-6".'),
+    click.option("--step", multiple=True, help="Constant steps [s]."),
+    click.option("--steps", multiple=True, help="Numbers of equal steps."),
+    click.option("--campaign", "name", help="quick, full or FILE.toml; --problems and --solvers then choose a part of it."),
+    click.option("--max-seconds", type=float, help="Most wall-clock time of one solve [s]."),
+    click.option(
+        "--reference",
+        type=click.Choice(["none", "auto"]),
+        help="auto: certify problems without a known truth by two families on two forms first.  [default: the campaign's]",
+    ),
+)
 
 
 class Status(click.ParamType):

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from hhtbench.commands.chosen import campaign_options
+from hhtbench.commands.run import campaign_options
 from hhtbench.errors import ProblemError
 from hhtbench.interruption import ends_at_once
 from hhtbench.output import FILE, Command, Found

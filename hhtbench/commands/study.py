@@ -8,7 +8,6 @@ import click
 
 from hhtbench.commands.acceptance import acceptance_command
 from hhtbench.commands.atlas import atlas_command
-from hhtbench.commands.parts import parts_command
 from hhtbench.commands.stability import stability_command
 from hhtbench.interruption import ends_at_once
 from hhtbench.output import NEW_FILE, Command, Found, jobs_option
@@ -45,5 +44,23 @@ def selection_command(**asked: Any) -> Found:
     return Found(found, found.as_dict(), not found.judgements)
 
 
-for command in (acceptance_command, atlas_command, parts_command, stability_command):
+@study_command.command("parts", cls=Command)
+@click.option(
+    "--rounds", type=click.IntRange(min=1), default=9, show_default=True, help="Of times, of which the shortest count."
+)
+def parts_command(rounds: int) -> Found:
+    """Measure what HHT's optional parts cost, present and absent, and what its automatic reductions gain.
+
+    Exit 1 where an absent part is called, a reduction changes the answer, or describe does not tell of it.
+    For example: hhtbench study parts --json parts.json
+    """
+    with ends_at_once():
+        from hhtbench.studies.parts.study import study_parts
+
+    with progress() as told:
+        found = study_parts(rounds, lambda done, total: told.advance("parts", done, total))
+    return Found(found, found.as_dict(), bool(found.faults))
+
+
+for command in (acceptance_command, atlas_command, stability_command):
     study_command.add_command(command)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from hhtbench.campaign import Campaign, Cell, plan_pairs
+
 PROBLEM = """\
     '''A weight that falls: y = 1 - g t^2 / 2.'''
     import numpy as np
@@ -137,3 +139,8 @@ GROUPS = {
     "hhtbench.problems": {"fall": "outside.fall:problem"},
     "hhtbench.solvers": {"told": "outside.told:Told", "absent": "outside.told:Absent"},
 }
+
+
+def first_cells(campaign: Campaign) -> list[Cell]:
+    """What every pair of a campaign asks for first: all of it, where its settings are given."""
+    return [cell for pair in plan_pairs(campaign) for cell in pair.next_cells(())]
