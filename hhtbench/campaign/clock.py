@@ -51,12 +51,8 @@ def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any
             wall, cpu = time.perf_counter() - begun, time.process_time() - used
     finally:
         gc.enable()
-    return {"cpu_s": cpu / count, "wall_s": wall / count, "solves": count, "load": load()}
-
-
-def load() -> float | None:
-    """Tasks that run or wait, averaged over a minute; None where the system does not tell."""
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None  # of a minute; not every system tells
+    return {"cpu_s": cpu / count, "wall_s": wall / count, "solves": count, "load": load}
 
 
 def enough(readings: Sequence[Mapping[str, Any]]) -> bool:
