@@ -47,9 +47,9 @@ def status(*words: object) -> Any:
     return CliRunner().invoke(main, ["status", *map(str, words)])
 
 
-def test_cells_failures_by_reason_time_span_and_machines_are_told(tmp_path: Path):
-    store = filled(tmp_path / "runs.db")
-    found = status(store)
+def test_cells_failures_by_reason_time_span_and_machines_are_told_and_there_as_json(tmp_path: Path):
+    store, file = filled(tmp_path / "runs.db"), tmp_path / "status.json"
+    found = status(store, "--json", file)
     assert found.exit_code == 0, found.output
     lines = [" ".join(line.split()) for line in found.output.splitlines()]
     assert lines[0] == f"{store}: 4 cells: 2 crashed, 1 success, 1 declined"
@@ -58,11 +58,6 @@ def test_cells_failures_by_reason_time_span_and_machines_are_told(tmp_path: Path
     assert lines[3] == "made from 2026-01-01T00:00:00+00:00 to 2026-01-04T00:00:00+00:00"
     assert lines[4].startswith(f"rows: 3, by {HERE['processor']}, {HERE['cores']} cores, ")
     assert lines[5].startswith("rows: 1, by another, 99 cores, ")
-
-
-def test_the_same_is_there_as_json(tmp_path: Path):
-    store, file = filled(tmp_path / "runs.db"), tmp_path / "status.json"
-    assert status(store, "--json", file).exit_code == 0
     told = json.loads(file.read_text())
     assert (told["cells"], told["ended"]) == (4, {"success": 1, "crashed": 2, "declined": 1})
     assert [(one["status"], len(one["cells"])) for one in told["failures"]] == [("crashed", 2), ("declined", 1)]
