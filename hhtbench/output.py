@@ -1,9 +1,11 @@
-"""What commands say and ask for: the option --json and its file, and a table of evidence with its exit code."""
+"""What commands share: options, and what becomes of what they have found: text, the file of --json, the exit code."""
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -15,10 +17,68 @@ if TYPE_CHECKING:
     from hhtbench.evidence import Evidence
 
 FAILED = 1
+FILE = click.Path(dir_okay=False, path_type=Path)
+FOLDER = click.Path(file_okay=False, path_type=Path)
 
-json_option = click.option(
-    "--json", "json_file", type=click.Path(dir_okay=False, path_type=Path), help="Write what is found to this file, as JSON."
-)
+
+class NewFile(click.Path):
+    """A file to be written: before the work, not after it, its folder must exist."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The path of the file."""
+        file: Any = super().convert(value, param, ctx)
+        require_folder(file)
+        return file
+
+
+NEW_FILE = NewFile(dir_okay=False, path_type=Path)
+json_option = click.option("--json", "json_file", type=NEW_FILE, help="Write what is found to this file, as JSON.")
+jobs_option = click.option("--jobs", type=click.IntRange(min=1), help="Worker processes.  [default: one a core]")
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a :class:`Command` has found."""
+
+    text: object  #: for the terminal; "" where all has been said
+    facts: Any  #: for --json
+    failed: bool = False  #: the exit code is 1
+    error: str = ""  #: said on stderr; the exit code is 1
+
+
+class Command(click.Command):
+    """A command whose function returns what it has :class:`Found`; it has the option ``--json``."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        json_option(self)
+
+    def invoke(self, ctx: click.Context) -> NoReturn:
+        """Call the function, write text and file, leave with the exit code."""
+        file = ctx.params.pop("json_file")
+        found: Found = super().invoke(ctx)
+        if str(found.text):
+            click.echo(found.text)
+        write_json(found.facts, file)
+        if found.error:
+            click.echo(f"Error: {found.error}", err=True)
+        sys.exit(FAILED if found.failed or found.error else 0)
+
+
+def with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Options that commands share, as one decorator; the help shows them in this order."""
+
+    def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def judged(evidence: Evidence) -> Found:
+    """A table of claims and its summary line; failed where a claim fails."""
+    return Found(f"{evidence.table()}\n\n{evidence.summary}", evidence.as_dict(), not evidence.passed)
 
 
 def write_json(value: Any, file: Path | None) -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from hhtbench.result import Solution
 COMPONENTS = ("q", "v", "lam", "mu")
 SAME_TIME = 1e-12  # of the interval: an output time and a reference time that differ by rounding
 SPACINGS = 4  # of floating-point times, which may be further apart than that
-MOST_EXACT = 2000  # rows at which an exact solution is computed, evenly spread
+MOST_EXACT = 200  # rows at which an exact solution is computed, evenly spread: it is Python, up to 0.2 ms a row
 FIRST = 10  # of the first rows, which are always among them: multipliers of the start are seen in these only
 
 
@@ -76,76 +76,65 @@ def same_time(problem: Problem) -> float:
 
 def compare_multipliers(problem: Problem, t: Vector, carried: Mapping[str, Matrix]) -> dict[str, dict[str, Any]]:
     """``lam_carried`` and ``mu_carried`` of ``metrics["errors"]``: the solver's own multipliers at ``t`` (k,)."""
-    rows, truth, against, digits = _matched(problem, t)
-    got: dict[str, Matrix] = {}
-    for name, values in carried.items():
-        if rows.size and name in truth and truth[name].shape == values[rows].shape and truth[name].shape[1]:
-            got[name] = values[rows]
-    if not got:
-        return {}
-    found = Comparison(
-        against=against,
-        digits=digits,
-        at_end=_at_end(problem, t[rows]),
-        t=t[rows],
-        got=got,
-        true=truth,
-        scale={name: _scale(problem, name, values) for name, values in got.items()},
-        observables=(),
-        unknown=np.isnan(np.concatenate(list(got.values()), axis=1)).any(axis=1),
-    )
-    entries = found.metrics()
-    return {f"{name}_carried": entries[name] for name in got}
+    found = _compared(problem, _matched(problem, t), t, carried)
+    entries = {} if found is None else found.metrics()
+    return {f"{name}_carried": entries[name] for name in carried if name in entries}
 
 
 def compare(problem: Problem, solution: Solution) -> Comparison | None:
     """The comparison, or None where nothing is known at any time of ``solution``."""
-    rows, truth, against, digits = _matched(problem, np.asarray(solution.t))
+    t, values = np.asarray(solution.t), {name: np.asarray(getattr(solution, name)) for name in COMPONENTS}
+    known = _matched(problem, t)
+    found = _compared(problem, known, t, values)
+    if found is None or not {"q", "v"} <= known.truth.keys():
+        return found
+    got, true, scale = {**found.got}, {**found.true}, {**found.scale}
+    lam = known.truth.get("lam", np.zeros((known.rows.size, 0)))
+    names = {f"observable {name}": function for name, function in problem.observables.items()}
+    for name, function in names.items():
+        got[name] = _observed(function, found.t, *(values[part][known.rows] for part in ("q", "v", "lam")))
+        true[name] = _observed(function, found.t, known.truth["q"], known.truth["v"], lam)
+        size = np.max(np.abs(true[name]), axis=0)
+        scale[name] = np.where(size > 0, size, 1.0)
+    return replace(found, got=got, true=true, scale=scale, observables=tuple(names))
+
+
+def _compared(problem: Problem, known: _Known, t: Vector, values: Mapping[str, Matrix]) -> Comparison | None:
+    """Those of ``values`` (component -> a row for each of ``t``) that are known, or None where nothing is."""
+    rows, truth = known.rows, known.truth
     if rows.size == 0:
         return None
-    got: dict[str, Matrix] = {}
-    true: dict[str, Matrix] = {}
-    scale: dict[str, Vector] = {}
-    for name in COMPONENTS:
-        values, known = np.asarray(getattr(solution, name))[rows], truth.get(name)
-        if known is not None and known.shape == values.shape and known.shape[1]:
-            got[name], true[name] = values, known
-            scale[name] = _scale(problem, name, known)
-    names = []
-    if all(name in truth for name in ("q", "v")):
-        for observable, function in problem.observables.items():
-            name = f"observable {observable}"
-            got[name] = _observed(function, solution.t[rows], solution.q[rows], solution.v[rows], solution.lam[rows])
-            lam = truth.get("lam", np.zeros((rows.size, 0)))
-            true[name] = _observed(function, solution.t[rows], truth["q"], truth["v"], lam)
-            size = np.max(np.abs(true[name]), axis=0)
-            scale[name] = np.where(size > 0, size, 1.0)
-            names.append(name)
-    t = np.asarray(solution.t)[rows]
-    at_end = _at_end(problem, t)
+    some = {name: value[rows] for name, value in values.items()}
+    got = {name: value for name, value in some.items() if name in truth and truth[name].shape == value.shape}
+    got = {name: value for name, value in got.items() if value.shape[1]}
     return Comparison(
-        against=against,
-        digits=digits,
-        at_end=at_end,
-        t=t,
+        against=known.against,
+        digits=known.digits,
+        at_end=bool(abs(t[rows[-1]] - problem.t_span[1]) <= same_time(problem)),
+        t=t[rows],
         got=got,
-        true=true,
-        scale=scale,
-        observables=tuple(names),
-        unknown=solution.unknown[rows],
+        true={name: truth[name] for name in got},
+        scale={name: _scale(problem, name, value) for name, value in got.items()},
+        observables=(),
+        unknown=np.isnan(np.concatenate([some["lam"], some["mu"]], axis=1)).any(axis=1),
     )
-
-
-def _at_end(problem: Problem, t: Vector) -> bool:
-    return bool(abs(t[-1] - problem.t_span[1]) <= same_time(problem))
 
 
 def _scale(problem: Problem, name: str, values: Matrix) -> Vector:
     return np.broadcast_to(np.asarray(getattr(problem.scales, name), dtype=np.float64), values.shape[1:])
 
 
-def _matched(problem: Problem, times: Vector) -> tuple[Any, dict[str, Matrix], str, int | None]:
-    """Those of ``times`` at which something is known, the values there, their kind and digits."""
+class _Known(NamedTuple):
+    """What is known at some of the times that were asked for."""
+
+    rows: Any  #: indices of these times
+    truth: dict[str, Matrix]  #: component -> the values there
+    against: str  #: "exact" or "reference"
+    digits: int | None = None  #: of the reference
+
+
+def _matched(problem: Problem, times: Vector) -> _Known:
+    """What is known at ``times``."""
     if problem.exact is not None:
         spread = np.linspace(0, times.size - 1, min(times.size, MOST_EXACT)).astype(int)
         some = np.union1d(spread, np.arange(min(times.size, FIRST)))
@@ -155,9 +144,9 @@ def _matched(problem: Problem, times: Vector) -> tuple[Any, dict[str, Matrix], s
             for name in COMPONENTS
             if motions
         }
-        return some, truth, "exact", None
+        return _Known(some, truth, "exact")
     if problem.reference is None or times.size == 0:
-        return np.arange(0), {}, "", None
+        return _Known(np.arange(0), {}, "")
     rows, known = [], []
     for j, t in enumerate(np.asarray(problem.reference["t"], dtype=np.float64)):
         nearest = int(np.argmin(np.abs(times - t)))
@@ -165,7 +154,7 @@ def _matched(problem: Problem, times: Vector) -> tuple[Any, dict[str, Matrix], s
             rows.append(nearest)
             known.append(j)
     found = {k: np.asarray(problem.reference[k], dtype=np.float64)[known] for k in COMPONENTS if k in problem.reference}
-    return np.array(rows, dtype=int), found, "reference", problem.reference.get("digits")
+    return _Known(np.array(rows, dtype=int), found, "reference", problem.reference.get("digits"))
 
 
 def _observed(function: Any, t: Vector, q: Matrix, v: Matrix, lam: Matrix) -> Matrix:

@@ -1,29 +1,53 @@
-"""A campaign from the options of a command: specs, numbers, names."""
+"""A campaign from what somebody names: by options of a command, or by arguments in Python."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 from hhtbench import plugins
+from hhtbench.arguments import real_number
 from hhtbench.campaign.files import named_campaign
 from hhtbench.campaign.plan import Campaign, Grid, restrict
 from hhtbench.errors import ProblemError
 from hhtbench.registry import load_solver
 from hhtbench.specs import parse_spec
 
+KINDS = {"rtol": float, "step": float, "steps": int}  # options of a command that take lists of numbers
 
-def asked_campaign(
-    name: str | None,
-    problems: tuple[str, ...],
-    solvers: tuple[str, ...],
-    rtol: tuple[str, ...],
-    step: tuple[str, ...],
-    steps: tuple[str, ...],
-    max_seconds: float | None,
-    reference: Literal["none", "auto"] | None,
+
+def campaign_of(
+    problems: tuple[str, ...], solvers: tuple[str, ...], campaign: str | Campaign | None, fields: Mapping[str, Any]
 ) -> Campaign:
+    """The part of ``campaign`` on these problems and solvers, or a new one; ``fields`` are those of Campaign and Grid.
+
+    Raises
+    ------
+    ProblemError, TypeError
+        They contradict each other, or no field has such a name.
+    """
+    of_campaign = {name: value for name, value in fields.items() if name in Campaign.__dataclass_fields__}
+    of_grid = {name: value for name, value in fields.items() if name in Grid.__dataclass_fields__}
+    unknown = sorted(set(fields) - set(of_campaign) - set(of_grid))
+    if unknown:
+        known = sorted({*Campaign.__dataclass_fields__, *Grid.__dataclass_fields__} - {"grids", "problems", "solvers"})
+        raise TypeError(f"run does not know {', '.join(unknown)}; known: {', '.join(known)}.")
+    if of_grid and "accuracies" in of_campaign:
+        raise ProblemError(f"accuracies and {', '.join(of_grid)} exclude one another; give one of them.")
+    given = of_campaign.get("accuracies", (0.5,))
+    if not given or not all(0.0 < real_number("accuracies", value) < 1.0 for value in given):
+        raise ProblemError(f"accuracies must be errors between 0 and 1, at least one; got {list(given)}.")
+    if campaign is None:
+        return Campaign(grids=(Grid(problems=problems, solvers=solvers, **of_grid),), **of_campaign)
+    if of_grid:
+        raise ProblemError(f"a campaign has its own {', '.join(of_grid)}; leave them out.")
+    found = named_campaign(campaign) if isinstance(campaign, str) else campaign
+    return replace(restrict(found, problems, solvers), **of_campaign)
+
+
+def asked_campaign(name: str | None, problems: tuple[str, ...], solvers: tuple[str, ...], **options: Any) -> Campaign:
     """The campaign of the options of ``hhtbench run`` and ``status``.
 
     Raises
@@ -31,23 +55,12 @@ def asked_campaign(
     ProblemError, TypeError
         The options contradict each other; what :func:`refuse_misspelt` raises.
     """
-    some = tuple(split_specs(problems)), tuple(split_specs(solvers))
-    if name is None:
-        grid = Grid(
-            problems=some[0],
-            solvers=some[1],
-            rtol=_numbers("rtol", rtol, float),
-            step=_numbers("step", step, float),
-            steps=_numbers("steps", steps, int),
-        )
-        campaign = Campaign(grids=(grid,))
-    elif rtol or step or steps:
-        raise ProblemError(f"the campaign {name} has its own tolerances and steps; leave out --rtol, --step and --steps.")
-    else:
-        campaign = restrict(named_campaign(name), *some)
+    fields = {
+        key: _numbers(key, value) if key in KINDS else value for key, value in options.items() if value not in (None, ())
+    }
+    campaign = campaign_of(tuple(split_specs(problems)), tuple(split_specs(solvers)), name, fields)
     refuse_misspelt(tuple(solver for grid in campaign.grids for solver in grid.solvers))
-    changes: dict[str, Any] = {"max_seconds": max_seconds, "reference": reference}
-    return replace(campaign, **{name: value for name, value in changes.items() if value is not None})
+    return campaign
 
 
 def refuse_misspelt(solvers: tuple[str, ...]) -> None:
@@ -98,9 +111,9 @@ def split_specs(texts: tuple[str, ...]) -> list[str]:
     return [text.strip() for text in found if text.strip()]
 
 
-def _numbers(name: str, texts: tuple[str, ...], kind: Any) -> tuple[Any, ...]:
+def _numbers(name: str, texts: tuple[str, ...]) -> tuple[Any, ...]:
     words = [word for text in texts for word in re.split(r"[,\s]+", text) if word]
     try:
-        return tuple(kind(word) for word in words)
+        return tuple(map(KINDS[name], words))
     except ValueError as error:
         raise ProblemError(f"--{name} takes numbers separated by commas; got {', '.join(words)}.") from error

@@ -10,7 +10,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from queue import SimpleQueue
@@ -20,7 +19,6 @@ from hhtbench.campaign.clock import enough, timing_of
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.machine import CLOCK, clock_of, machine_facts, usable_cores
 from hhtbench.campaign.plan import Campaign, Cell, plan_pairs
-from hhtbench.campaign.refine import next_cells
 from hhtbench.campaign.run import TIMED
 from hhtbench.errors import ProblemError
 from hhtbench.result import Status
@@ -60,7 +58,7 @@ def run_campaign(
     bring none (:func:`~hhtbench.campaign.references.auto_references`).  Times are always taken here, each alone on a core:
     those of another machine are taken anew.  Cells that ended with a status of ``retry`` run again.
     """
-    asks = {pair.name: partial(next_cells, pair) for pair in plan_pairs(campaign, references)}
+    asks = {pair.name: pair.next_cells for pair in plan_pairs(campaign, references)}
     tell = progress or (lambda *_: None)
     with nullcontext(executor) if isinstance(executor, WorkerPool) else WorkerPool(limits) as pool:
         accuracy = AccuracyPass(asks, store, pool if executor is None else executor, tell, retry)

@@ -20,7 +20,7 @@ from hhtbench.request import Request
 
 LEAST = 0.02  # s of solves in a reading: the clock's own steps, and what a process does beside, are far below
 PATIENCE = 5.0  # times as much wall time, after which a reading of a solve that waits ends
-LONG = 0.3  # s: of longer solves one reading is enough, they vary little
+LONG = 0.05  # s: of longer solves one reading is enough, they vary little
 DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
 
 
@@ -51,12 +51,8 @@ def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any
             wall, cpu = time.perf_counter() - begun, time.process_time() - used
     finally:
         gc.enable()
-    return {"cpu_s": cpu / count, "wall_s": wall / count, "solves": count, "load": load()}
-
-
-def load() -> float | None:
-    """Tasks that run or wait, averaged over a minute; None where the system does not tell."""
-    return os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None  # of a minute; not every system tells
+    return {"cpu_s": cpu / count, "wall_s": wall / count, "solves": count, "load": load}
 
 
 def enough(readings: Sequence[Mapping[str, Any]]) -> bool:

@@ -12,7 +12,8 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from hhtbench.analysis.cells import Rules
+from hhtbench.analysis.cells import Rules, points
+from hhtbench.analysis.ladder import End, next_setting
 from hhtbench.arguments import positive_integer
 from hhtbench.campaign.alike import find_alike
 from hhtbench.campaign.sources import SourceReader
@@ -78,7 +79,7 @@ class Cell:
 
 @dataclass(frozen=True, kw_only=True)
 class Pair:
-    """One problem by one solver: its settings are given, or follow from the rows (:mod:`hhtbench.campaign.refine`)."""
+    """One problem by one solver: its settings are given, or follow from its rows."""
 
     problem: str  #: canonical spec
     solver: str  #: canonical spec
@@ -114,9 +115,19 @@ class Pair:
             request={**request, **beside},
         )
 
-    def cells(self) -> tuple[Cell, ...]:
-        """Those whose settings are given."""
-        return tuple(self.cell(asked, self.rules.max_seconds) for asked in self.given)
+    def next_cells(self, rows: Sequence[RunRow]) -> Sequence[Cell]:
+        """The cells to run after ``rows``, all of the pair's own so far; none where there is nothing more to run.
+
+        Nothing else decides: a resumed campaign that holds the rows asks for nothing, and the report calls the same
+        function (:mod:`hhtbench.analysis.ladder`) to say why an error was not reached.
+        """
+        if not self.kind:
+            return () if rows else tuple(self.cell(asked, self.rules.max_seconds) for asked in self.given)
+        found = next_setting(points(rows), self.rules, self.kind)
+        if isinstance(found, End):
+            return ()
+        asked = {"rtol": found.value} if self.kind == "rtol" else {"steps": round(1.0 / found.value)}
+        return (self.cell(asked, found.seconds),)
 
 
 def plan_pairs(campaign: Campaign, references: Mapping[str, Path] | None = None) -> tuple[Pair, ...]:
@@ -157,11 +168,6 @@ def plan_pairs(campaign: Campaign, references: Mapping[str, Path] | None = None)
         raise ProblemError("there is nothing to run: give problems, solvers and accuracies, rtol, step or steps.")
     order = list(dict.fromkeys(pair.problem for pair in pairs.values()))
     return tuple(sorted(pairs.values(), key=lambda pair: order.index(pair.problem)))
-
-
-def plan_cells(campaign: Campaign) -> tuple[Cell, ...]:
-    """Every cell whose setting is given, once, in the order of problem, solver, setting."""
-    return tuple(cell for pair in plan_pairs(campaign) for cell in pair.cells())
 
 
 def outdated(rows: Iterable[RunRow]) -> tuple[RunRow, ...]:

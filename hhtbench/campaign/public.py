@@ -5,20 +5,19 @@ from __future__ import annotations
 import csv
 import tempfile
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hhtbench.analysis.cells import points
-from hhtbench.arguments import positive_integer, real_number
+from hhtbench.arguments import positive_integer
+from hhtbench.campaign.asked import campaign_of
 from hhtbench.campaign.campaign import run_campaign
 from hhtbench.campaign.execute import machine_limits
-from hhtbench.campaign.files import named_campaign
 from hhtbench.campaign.objects import ThisProcess, named
-from hhtbench.campaign.plan import Campaign, Grid, restrict
-from hhtbench.errors import ProblemError
+from hhtbench.campaign.plan import Campaign
 from hhtbench.protocol import Problem
 from hhtbench.registry import holding
 from hhtbench.store import RunRow, Store
@@ -124,35 +123,11 @@ def run(
         tempfile.TemporaryDirectory() as folder,
         Store(Path(folder) / "runs.sqlite" if store is None else store) as rows,
     ):
-        chosen = _campaign(found.specs, _solvers(solvers), campaign, fields)
+        values = {name: _value(name, value) for name, value in fields.items()}
+        chosen = campaign_of(found.specs, _solvers(solvers), campaign, values)
         pool = ThisProcess() if found.held else executor
         done = run_campaign(chosen, rows, limits=machine_limits(jobs), timing=timing, executor=pool)
     return Runs(done.rows)
-
-
-def _campaign(
-    problems: tuple[str, ...], solvers: tuple[str, ...], campaign: str | Campaign | None, fields: dict[str, Any]
-) -> Campaign:
-    of_campaign = {name: _value(name, value) for name, value in fields.items() if name in Campaign.__dataclass_fields__}
-    of_grid = {name: _value(name, value) for name, value in fields.items() if name in Grid.__dataclass_fields__}
-    unknown = sorted(set(fields) - set(of_campaign) - set(of_grid))
-    if unknown:
-        known = sorted({*Campaign.__dataclass_fields__, *Grid.__dataclass_fields__} - {"grids", "problems", "solvers"})
-        raise TypeError(f"run does not know {', '.join(unknown)}; known: {', '.join(known)}.")
-    if of_grid and "accuracies" in of_campaign:
-        raise ProblemError(f"accuracies and {', '.join(of_grid)} exclude one another; give one of them.")
-    _check_accuracies(of_campaign.get("accuracies", (0.5,)))
-    if campaign is None:
-        return Campaign(grids=(Grid(problems=problems, solvers=solvers, **of_grid),), **of_campaign)
-    if of_grid:
-        raise ProblemError(f"a campaign has its own {', '.join(of_grid)}; leave them out.")
-    found = named_campaign(campaign) if isinstance(campaign, str) else campaign
-    return replace(restrict(found, problems, solvers), **of_campaign)
-
-
-def _check_accuracies(given: tuple[Any, ...]) -> None:
-    if not given or not all(0.0 < real_number("accuracies", value) < 1.0 for value in given):
-        raise ProblemError(f"accuracies must be errors between 0 and 1, at least one; got {list(given)}.")
 
 
 def _solvers(given: Sequence[str] | str) -> tuple[str, ...]:

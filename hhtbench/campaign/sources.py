@@ -140,11 +140,15 @@ def _find(name: str, folders: tuple[Path, ...]) -> _Module | None:
     if name == "hhtbench":
         return None
     for base in folders:
-        place = base.joinpath(*rest)
-        for file in (place.with_name(f"{place.name}.py"), place / "__init__.py", *(() if rest else (base,))):
-            if file.is_file():
-                return _Module(name, file, None)
+        file = base if not rest and base.is_file() else _file_at(base.joinpath(*rest))
+        if file is not None:
+            return _Module(name, file, None)
     return None
+
+
+def _file_at(place: Path) -> Path | None:
+    """The module's or the package's file."""
+    return next((f for f in (place.with_name(f"{place.name}.py"), place / "__init__.py") if f.is_file()), None)
 
 
 def _folders(top: str) -> tuple[Path, ...]:
@@ -154,13 +158,8 @@ def _folders(top: str) -> tuple[Path, ...]:
 
 def _neighbour(root: Path | None, name: str) -> _Module | None:
     """A file beside a user's file, imported by its bare name."""
-    if root is None:
-        return None
-    place = root.joinpath(*name.split("."))
-    for file in (place.with_name(f"{place.name}.py"), place / "__init__.py"):
-        if file.is_file():
-            return _Module(name, file, root)
-    return None
+    file = None if root is None else _file_at(root.joinpath(*name.split(".")))
+    return None if file is None else _Module(name, file, root)
 
 
 def _imports(tree: ast.AST, package: str) -> Iterator[str]:

@@ -12,11 +12,11 @@ from hhtbench.campaign.campaign import stands, untimed
 from hhtbench.campaign.machine import clock_of
 from hhtbench.campaign.plan import Campaign, Cell, Pair, plan_pairs
 from hhtbench.campaign.references import references_there
-from hhtbench.campaign.refine import next_cells
 from hhtbench.campaign.summary import ended, failure_facts, failure_lines
 from hhtbench.store import Reading, RunRow, read_store
 
 MADE_WITH = ("python", "hhtbench", "commit")  # of a row's environment, beside what makes a machine fast
+MACHINE = "{processor}, {cores} cores, {memory_GiB} GiB, {system}; Python {python}, hhtbench {hhtbench} ({commit})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,19 +45,6 @@ class Left:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Machine:
-    """Where and with what rows were made."""
-
-    facts: dict[str, Any]  #: processor, cores, memory, system, Python, version and commit of hhtbench
-    rows: int
-
-    def __str__(self) -> str:
-        facts = self.facts
-        what = f"{facts['processor']}, {facts['cores']} cores, {facts['memory_GiB']} GiB, {facts['system']}"
-        return f"rows: {self.rows}, by {what}; Python {facts['python']}, hhtbench {facts['hhtbench']} ({facts['commit']})"
-
-
-@dataclass(frozen=True, kw_only=True)
 class StoreStatus:
     """What :func:`status_of` finds."""
 
@@ -77,19 +64,23 @@ class StoreStatus:
         return (times[0], times[-1]) if times else None
 
     @property
-    def machines(self) -> tuple[Machine, ...]:
-        """In the order of their first rows."""
-        found: Counter[tuple[tuple[str, Any], ...]] = Counter()
+    def machines(self) -> list[dict[str, Any]]:
+        """Where and with what the rows were made, and how many: in the order of their first rows."""
+        found: list[dict[str, Any]] = []
         for row in self.rows:
             facts = clock_of(row.environment) | {key: row.environment.get(key) for key in MADE_WITH}
-            found[tuple(facts.items())] += 1
-        return tuple(Machine(facts=dict(facts), rows=count) for facts, count in found.items())
+            same = next((machine for machine in found if machine["facts"] == facts), None)
+            if same is None:
+                found.append(same := {"facts": facts, "rows": 0})
+            same["rows"] += 1
+        return found
 
     def __str__(self) -> str:
         counted = f"{len(self.rows)} cells: {ended(self.rows)}" if self.rows else "no cells"
         lines = [f"{self.file}: {counted}", *failure_lines(self.rows)]
         lines += [f"made from {self.span[0]} to {self.span[1]}"] if self.span else []
-        return "\n".join([*lines, *map(str, self.machines), *([] if self.left is None else [str(self.left)])])
+        lines += [f"rows: {one['rows']}, by {MACHINE.format(**one['facts'])}" for one in self.machines]
+        return "\n".join([*lines, *([] if self.left is None else [str(self.left)])])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
@@ -101,7 +92,7 @@ class StoreStatus:
             "failures": failure_facts(self.rows),
             "first": self.span[0] if self.span else None,
             "last": self.span[1] if self.span else None,
-            "machines": [asdict(machine) for machine in self.machines],
+            "machines": self.machines,
             "damaged": list(self.reading.damaged),
             "fault": self.reading.fault,
             "left": None if self.left is None else asdict(self.left),
@@ -141,7 +132,7 @@ def _left(name: str, pairs: tuple[Pair, ...], rows: Mapping[str, RunRow]) -> Lef
 def _asked(pair: Pair, rows: Mapping[str, RunRow]) -> tuple[list[Cell], list[Cell]]:
     """Cells of a pair that are there, and those that it would run next."""
     there: list[Cell] = []
-    while cells := next_cells(pair, [rows[cell.key] for cell in there]):
+    while cells := pair.next_cells([rows[cell.key] for cell in there]):
         missing = [cell for cell in cells if cell.key not in rows or not stands(rows[cell.key], cell)]
         there += [cell for cell in cells if cell not in missing]
         if missing:

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import click
 
 from hhtbench.interruption import ends_at_once
-from hhtbench.output import json_option, write_json
+from hhtbench.output import Command, Found
 
 
-@click.command("describe")
+@click.command("describe", cls=Command)
 @click.argument("problem")
-@json_option
-def describe_command(problem: str, json_file: Path | None) -> None:
+def describe_command(problem: str) -> Found:
     """State what PROBLEM declares, what is therefore not computed, and how it is evaluated.
 
     For example: hhtbench describe "planar_chain(n_links=100)"
@@ -23,5 +20,4 @@ def describe_command(problem: str, json_file: Path | None) -> None:
         from hhtbench.registry import load_problem
 
     found = describe(load_problem(problem))
-    write_json(found.as_dict(), json_file)
-    click.echo(str(found))
+    return Found(found, found.as_dict())

@@ -11,14 +11,28 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from hhtbench.commands.chosen import campaign_options
 from hhtbench.errors import ProblemError
 from hhtbench.interruption import Interrupted, ends_at_once, ends_in_order
-from hhtbench.output import json_option, require_folder, write_json
+from hhtbench.output import FILE, Command, Found, jobs_option, with_options
 from hhtbench.progress import progress
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
+
+campaign_options = with_options(  # what hhtbench.campaign.asked.asked_campaign takes
+    click.option("--problems", multiple=True, help='Specs, "andrews, knife_edge(Om=3)"; may be given several times.'),
+    click.option("--solvers", multiple=True, help='Specs, "hht(alpha=-0.1), ida(form=ggl)".'),
+    click.option("--rtol", multiple=True, help='Relative tolerances, "1e-4, 1e-6".'),
+    click.option("--step", multiple=True, help="Constant steps [s]."),
+    click.option("--steps", multiple=True, help="Numbers of equal steps."),
+    click.option("--campaign", "name", help="quick, full or FILE.toml; --problems and --solvers then choose a part of it."),
+    click.option("--max-seconds", type=float, help="Most wall-clock time of one solve [s]."),
+    click.option(
+        "--reference",
+        type=click.Choice(["none", "auto"]),
+        help="auto: certify problems without a known truth by two families on two forms first.  [default: the campaign's]",
+    ),
+)
 
 
 class Status(click.ParamType):
@@ -26,24 +40,20 @@ class Status(click.ParamType):
 
     name = "status"
 
-    def __init__(self, *, with_any: bool = False) -> None:
-        self._with_any = with_any
+    def __init__(self, *others: str) -> None:
+        self._others = others
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """``value`` itself, if there is such a status."""
-        from hhtbench.campaign.summary import ANY
         from hhtbench.result import Status as Known
 
-        words = [*([ANY] if self._with_any else []), *(status.label for status in Known)]
-        return str(click.Choice(words).convert(value, param, ctx))
+        return str(click.Choice([*self._others, *(status.label for status in Known)]).convert(value, param, ctx))
 
 
-@click.command("run")
+@click.command("run", cls=Command)
 @campaign_options
-@click.option(
-    "--store", "file", type=click.Path(dir_okay=False, path_type=Path), required=True, help="SQLite file; resumed."
-)
-@click.option("--jobs", type=click.IntRange(min=1), help="Worker processes.  [default: one a core]")
+@click.option("--store", "file", type=FILE, required=True, help="SQLite file; resumed.")
+@jobs_option
 @click.option("--timing/--no-timing", default=True, show_default=True, help="Time every success again, alone on a core.")
 @click.option(
     "--retry", multiple=True, type=Status(), metavar="STATUS", help="Run cells again that ended so, crashed for instance."
@@ -51,7 +61,7 @@ class Status(click.ParamType):
 @click.option(
     "--fail-on",
     multiple=True,
-    type=Status(with_any=True),
+    type=Status("any"),
     metavar="STATUS|any",
     help="Exit with 1 where a cell ended so; any: not well.",
 )
@@ -59,10 +69,8 @@ class Status(click.ParamType):
     "--executor", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="Who runs the cells."
 )
 @click.option("--scheduler", help="Address of Dask's scheduler, tcp://HOST:PORT.")
-@json_option
 def run_command(
     file: Path,
-    json_file: Path | None,
     jobs: int | None,
     timing: bool,
     retry: tuple[str, ...],
@@ -70,7 +78,7 @@ def run_command(
     executor: str,
     scheduler: str | None,
     **chosen: Any,
-) -> None:
+) -> Found:
     """Run problems x solvers x tolerances or steps into a store; what it holds already is not run again.
 
     Cells that fail are rows like others: the exit code is 0, unless --fail-on says otherwise.
@@ -78,8 +86,8 @@ def run_command(
     """
     if (executor == "dask") != (scheduler is not None):
         raise click.UsageError("--executor dask and --scheduler ADDRESS belong together.")
-    require_folder(json_file)
-    resume = f"interrupted; what is done is in {file}. This goes on from there:\n{_command_line()}"
+    command = shlex.join(["hhtbench", *sys.argv[1:]])
+    resume = f"interrupted; what is done is in {file}. This goes on from there:\n{command}"
     with ends_at_once(resume):
         from hhtbench.campaign.asked import asked_campaign
         from hhtbench.campaign.campaign import run_campaign
@@ -95,13 +103,12 @@ def run_command(
     try:
         with store, ends_in_order(resume), progress() as told, _executor(scheduler) as cluster:
             limits = machine_limits(jobs)
-            references = auto_references(campaign, file, limits.jobs, told.say)
             done = run_campaign(
                 campaign,
                 store,
                 limits=limits,
                 executor=cluster,
-                references=references,
+                references=auto_references(campaign, file, limits.jobs, told.say),
                 timing=timing,
                 retry=retry,
                 progress=told.advance,
@@ -109,13 +116,8 @@ def run_command(
     except Interrupted as interrupted:
         click.echo(f"\n{resume}", err=True)
         sys.exit(interrupted.code)
-    click.echo(text_of(done, file))
-    write_json(facts_of(done, file, store.repairs), json_file)
-    sys.exit(1 if any(is_failure(row, fail_on) for row in done.rows) else 0)
-
-
-def _command_line() -> str:
-    return shlex.join(["hhtbench", *sys.argv[1:]])
+    failed = any(is_failure(row, fail_on) for row in done.rows)
+    return Found(text_of(done, file), facts_of(done, file, store.repairs), failed)
 
 
 def _executor(scheduler: str | None) -> AbstractContextManager[Executor | None]:

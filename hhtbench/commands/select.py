@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from hhtbench.interruption import ends_at_once
-from hhtbench.output import FAILED, json_option, require_folder, write_json
+from hhtbench.output import FILE, NEW_FILE, Command, Found
 
 
-@click.command("select")
+@click.command("select", cls=Command)
 @click.argument("problem")
 @click.option("--accuracy", type=float, default=1e-4, show_default=True, help="Scaled error of q and v.")
 @click.option("--drift", type=float, help="Most scaled drift.  [default: any]")
@@ -19,21 +19,9 @@ from hhtbench.output import FAILED, json_option, require_folder, write_json
 @click.option(
     "--seconds", type=float, default=0.0, show_default=True, help="What measuring may take [s]; 0: nothing is run."
 )
-@click.option("--store", type=click.Path(dir_okay=False, path_type=Path), help="Rows of run or trade; made with --seconds.")
-@click.option(
-    "--database", type=click.Path(dir_okay=False, path_type=Path), help="Of study selection.  [default: the package's]"
-)
-@json_option
-def select_command(
-    problem: str,
-    accuracy: float,
-    drift: float | None,
-    on: str,
-    seconds: float,
-    store: Path | None,
-    database: Path | None,
-    json_file: Path | None,
-) -> None:
+@click.option("--store", type=NEW_FILE, help="Rows of run or trade; made with --seconds.")
+@click.option("--database", type=FILE, help="Of study selection.  [default: the package's]")
+def select_command(problem: str, store: Path | None, database: Path | None, **asked: Any) -> Found:
     """Say which solver reaches an error on PROBLEM most cheaply, with the evidence; exit 1 where it cannot be told.
 
     For example: hhtbench select andrews --accuracy 1e-4 --on evaluations
@@ -41,9 +29,5 @@ def select_command(
     with ends_at_once():
         from hhtbench.advice.selecting import select
 
-    for file in (json_file, store):
-        require_folder(file)
-    found = select(problem, accuracy=accuracy, drift=drift, on=on, seconds=seconds, store=store, database=database)
-    click.echo(found)
-    write_json(found.as_dict(), json_file)
-    sys.exit(FAILED if found.taken is None else 0)
+    found = select(problem, store=store, database=database, **asked)
+    return Found(found, found.as_dict(), found.taken is None)

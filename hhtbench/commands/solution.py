@@ -8,10 +8,10 @@ import numpy as np
 from tabulate import tabulate
 
 from hhtbench.arguments import Vector
+from hhtbench.campaign.accuracy import COMPONENTS, compare
 from hhtbench.protocol import Problem
 from hhtbench.result import Solution
 
-COMPONENTS = ("q", "v", "lam", "mu")
 MOST_SHOWN = 12  # entries of a vector on the terminal; the file holds all
 
 
@@ -54,32 +54,14 @@ def as_dict(problem: Problem, solution: Solution) -> dict[str, Any]:
 
 
 def _errors(problem: Problem, solution: Solution) -> tuple[str, dict[str, tuple[float, float]]]:
-    """What the end is held against, and the largest error of each part, in its units and scaled; none where not known."""
-    if not solution.success or not np.size(solution.t) or solution.t[-1] != problem.t_span[1]:
+    """What the end is compared with, and the largest error of each part, in its units and scaled; none where not known."""
+    found = compare(problem, solution) if solution.success else None
+    if found is None or not found.at_end:
         return "", {}
-    source, known = _known_end(problem)
-    found = {}
-    for name, value in known.items():
-        got = getattr(solution, name)[-1]
-        want = np.asarray(value, dtype=np.float64)
-        if got.size and want.shape == got.shape:
-            error = np.abs(got - want)
-            found[name] = float(error.max()), float(np.max(error / np.asarray(getattr(problem.scales, name))))
-    return source, found
-
-
-def _known_end(problem: Problem) -> tuple[str, dict[str, Any]]:
-    """Name and values of what is known at the end of the interval."""
-    end = problem.t_span[1]
-    if problem.exact is not None:
-        return "exact solution", problem.exact(end)._asdict()
-    if problem.reference is not None:
-        rows = np.flatnonzero(np.asarray(problem.reference["t"]) == end)
-        if rows.size:
-            digits = problem.reference.get("digits")
-            name = "reference" if digits is None else f"reference ({digits} digits)"
-            return name, {key: problem.reference[key][rows[-1]] for key in COMPONENTS if key in problem.reference}
-    return "", {}
+    entries = found.metrics()
+    digits = "" if found.digits is None else f" ({found.digits} digits)"
+    source = "exact solution" if found.against == "exact" else f"reference{digits}"
+    return source, {name: (entries[name]["end"], entries[name]["end_scaled"]) for name in COMPONENTS if name in entries}
 
 
 def _shown(values: Vector) -> str:

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from hhtbench.commands.chosen import campaign_options
+from hhtbench.commands.run import campaign_options
 from hhtbench.errors import ProblemError
 from hhtbench.interruption import ends_at_once
-from hhtbench.output import FAILED, json_option, require_folder, write_json
+from hhtbench.output import FILE, Command, Found
 
 
-@click.command("status")
-@click.argument("store", type=click.Path(dir_okay=False, path_type=Path))
+@click.command("status", cls=Command)
+@click.argument("store", type=FILE)
 @campaign_options
-@json_option
-def status_command(store: Path, json_file: Path | None, **chosen: Any) -> None:
+def status_command(store: Path, **chosen: Any) -> Found:
     """Say what the store of a campaign holds, and what is left to do.
 
     How many cells ended how, failures by reason, when and by which machines they were made, damaged rows; with the options
@@ -30,15 +28,10 @@ def status_command(store: Path, json_file: Path | None, **chosen: Any) -> None:
         from hhtbench.campaign.asked import asked_campaign
         from hhtbench.campaign.status import status_of
 
-    require_folder(json_file)
     named = any(value not in (None, ()) for value in chosen.values())
     asked = asked_campaign(**chosen) if named else None
     found = status_of(store, chosen["name"] or "asked for", asked)
     damaged = found.reading.warning(store)
     if damaged and not found.rows:
         raise ProblemError(damaged)
-    click.echo(str(found))
-    write_json(found.as_dict(), json_file)
-    if damaged:
-        click.echo(f"Error: {damaged}", err=True)
-        sys.exit(FAILED)
+    return Found(found, found.as_dict(), error=damaged)

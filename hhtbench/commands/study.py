@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
+from typing import Any
 
 import click
 
 from hhtbench.commands.acceptance import acceptance_command
 from hhtbench.commands.atlas import atlas_command
-from hhtbench.commands.parts import parts_command
 from hhtbench.commands.stability import stability_command
 from hhtbench.interruption import ends_at_once
-from hhtbench.output import FAILED, json_option, require_folder, write_json
+from hhtbench.output import NEW_FILE, Command, Found, jobs_option
 from hhtbench.progress import progress
 
 
@@ -24,27 +22,15 @@ def study_command() -> None:
     """
 
 
-@study_command.command("selection")
-@click.option(
-    "--store", type=click.Path(dir_okay=False, path_type=Path), help="Rows of the drawn scenes; made where missing."
-)
+@study_command.command("selection", cls=Command)
+@click.option("--store", type=NEW_FILE, help="Rows of the drawn scenes; made where missing.")
 @click.option(
     "--scenes", type=click.IntRange(min=3), help="Run that many of the drawn scenes.  [default: what the store holds]"
 )
 @click.option("--seconds", type=float, default=2.0, show_default=True, help="Of each solver on each scene [s].")
-@click.option("--jobs", type=click.IntRange(min=1), help="Worker processes.  [default: one a core]")
-@click.option(
-    "--database", type=click.Path(dir_okay=False, path_type=Path), help="Write the rows, reduced, to this file for select."
-)
-@json_option
-def selection_command(
-    store: Path | None,
-    scenes: int | None,
-    seconds: float,
-    jobs: int | None,
-    database: Path | None,
-    json_file: Path | None,
-) -> None:
+@jobs_option
+@click.option("--database", type=NEW_FILE, help="Write the rows, reduced, to this file for select.")
+def selection_command(**asked: Any) -> Found:
     """Regret of advice on problems and families that it has not seen, beside fixed choices and a rule of thumb.
 
     Without --store and --scenes the database of the package is judged, in seconds.
@@ -53,24 +39,28 @@ def selection_command(
     with ends_at_once():
         from hhtbench.studies.selection import study_selection
 
-    for file in (store, database, json_file):
-        require_folder(file)
     with progress() as told:
-        found = study_selection(
-            store=store,
-            scenes=scenes,
-            seconds=seconds,
-            jobs=jobs,
-            database=database,
-            tell=told.say,
-            progress=told.advance,
-        )
-    click.echo(found)
-    write_json(found.as_dict(), json_file)
-    sys.exit(0 if found.judgements else FAILED)
+        found = study_selection(**asked, tell=told.say, progress=told.advance)
+    return Found(found, found.as_dict(), not found.judgements)
 
 
-study_command.add_command(acceptance_command)
-study_command.add_command(atlas_command)
-study_command.add_command(parts_command)
-study_command.add_command(stability_command)
+@study_command.command("parts", cls=Command)
+@click.option(
+    "--rounds", type=click.IntRange(min=1), default=9, show_default=True, help="Of times, of which the shortest count."
+)
+def parts_command(rounds: int) -> Found:
+    """Measure what HHT's optional parts cost, present and absent, and what its automatic reductions gain.
+
+    Exit 1 where an absent part is called, a reduction changes the answer, or describe does not tell of it.
+    For example: hhtbench study parts --json parts.json
+    """
+    with ends_at_once():
+        from hhtbench.conformance.parts.study import study_parts
+
+    with progress() as told:
+        found = study_parts(rounds, lambda done, total: told.advance("parts", done, total))
+    return Found(found, found.as_dict(), bool(found.faults))
+
+
+for command in (acceptance_command, atlas_command, stability_command):
+    study_command.add_command(command)

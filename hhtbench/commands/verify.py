@@ -7,18 +7,15 @@ from pathlib import Path
 import click
 
 from hhtbench.interruption import ends_at_once
-from hhtbench.output import conclude, json_option, require_folder, shown
+from hhtbench.output import FOLDER, Command, Found, judged, shown
 from hhtbench.progress import progress
 
 
-@click.command("verify")
+@click.command("verify", cls=Command)
 @click.argument("name")
-@json_option
-@click.option(
-    "--report", "folder", type=click.Path(file_okay=False, path_type=Path), help="Write the report into this folder."
-)
+@click.option("--report", "folder", type=FOLDER, help="Write the report into this folder.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Worker processes.")
-def verify_command(name: str, json_file: Path | None, folder: Path | None, jobs: int) -> None:
+def verify_command(name: str, folder: Path | None, jobs: int) -> Found:
     """Measure the claims of the verification NAME.
 
     For example: hhtbench verify paper --jobs 2 --report reports/latest
@@ -27,9 +24,8 @@ def verify_command(name: str, json_file: Path | None, folder: Path | None, jobs:
         from hhtbench.registry import load_verification
         from hhtbench.report import write_report
 
-    require_folder(json_file)
     with progress() as bar:
         evidence = load_verification(name)(bar.advance, jobs)
     if folder is not None:
         write_report(evidence, folder, f"hhtbench verify {name} --report {shown(folder)}")
-    conclude(evidence, json_file)
+    return judged(evidence)

@@ -13,7 +13,7 @@ from hhtbench.evidence import Row
 from hhtbench.protocol import Problem
 from hhtbench.specs import parse_spec
 from hhtbench.store import RunRow
-from hhtbench.validation.verdict import AGREEMENT, Kind, Verdict, effort, short
+from hhtbench.validation.verdict import AGREEMENT, Kind, Verdict, claim, effort, nobody_disagrees, short
 
 FAMILIES = 2  # solvers of so many libraries must agree where there is no reference
 NO_REFERENCE = "no reference: judged by agreement"
@@ -74,38 +74,31 @@ def agreement_rows(compared: Compared, verdicts: Sequence[Verdict]) -> list[Row]
     """Claims about a problem without reference: nobody disagrees, two families agree; how far they are apart."""
     name = compared.problem
     own = [verdict for verdict in verdicts if verdict.problem == name]
-    wrong = [f"{v.solver} {v.error:.1e}" for v in own if v.kind is Kind.disagrees]
     agree = [verdict.solver for verdict in own if verdict.kind is Kind.agrees]
     families = sorted({family(solver) for solver in agree})
     names = list(compared.agreement.names)
     chosen = [names.index(short(solver)) for solver in agree if short(solver) in names]
     spread = float(np.max(compared.agreement.matrix[np.ix_(chosen, chosen)], initial=0.0))
-    claim = f"{name}: no solver disagrees with the others ({NO_REFERENCE})"
-    few = f"{name}: solvers of at least {FAMILIES} libraries agree to {AGREEMENT:g}"
-    apart = f"{name}: those that agree are apart by, an estimate of their error"
+    few = f"solvers of at least {FAMILIES} libraries agree to {AGREEMENT:g}"
+    apart = "those that agree are apart by, an estimate of their error"
     return [
-        Row(id=f"{name}/agree", claim=claim, measured="; ".join(wrong) or "none", bound="none", passed=not wrong),
-        Row(
-            id=f"{name}/families",
-            claim=few,
-            measured=", ".join(families) or "none",
-            bound=str(FAMILIES),
-            passed=len(families) >= FAMILIES,
-        ),
-        Row(id=f"{name}/spread", claim=apart, measured=spread, bound="not judged", passed=None),
+        nobody_disagrees(name, own, f"no solver disagrees with the others ({NO_REFERENCE})"),
+        claim(f"{name}/families", few, ", ".join(families) or "none", FAMILIES, len(families) >= FAMILIES),
+        claim(f"{name}/spread", apart, spread, "not judged", None),
     ]
 
 
 def matrix_text(compared: Compared) -> str:
     """The pairwise differences as Markdown."""
     judged = "" if compared.known else f"{NO_REFERENCE}; "
-    lines = [
-        f"## {compared.problem}: who agrees with whom",
-        "",
-        f"Largest difference of q and v of two solvers' tightest runs, over their size; {judged}"
-        f"largest of all {compared.agreement.spread:.1e}.",
-        "",
-        compared.agreement.table("github"),
-        "",
-    ]
-    return "\n".join(lines)
+    difference = "Largest difference of q and v of two solvers' tightest runs, over their size"
+    return "\n".join(
+        [
+            f"## {compared.problem}: who agrees with whom",
+            "",
+            f"{difference}; {judged}largest of all {compared.agreement.spread:.1e}.",
+            "",
+            compared.agreement.table("github"),
+            "",
+        ]
+    )

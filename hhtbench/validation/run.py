@@ -12,7 +12,7 @@ from hhtbench.evidence import Evidence, Row
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems, load_problem
 from hhtbench.specs import canonical
-from hhtbench.store import RunRow, Store
+from hhtbench.store import Store
 from hhtbench.validation.agreement import Compared, agreement_rows, compare_rows, matrix_text
 from hhtbench.validation.plan import MAKERS, MAX_SECONDS, validation_campaign
 from hhtbench.validation.table import solvability
@@ -54,26 +54,19 @@ def validate(
     """
     plan = {} if problems else registered_plans()
     specs = problems or tuple(validated_spec(name, plan) for name in list_problems())
-    reasons = {canonical(spec): reason for spec in specs if (reason := _reason(spec))}
-    with tempfile.TemporaryDirectory() as folder:
-        rows = _run(specs, file or Path(folder) / "validation.sqlite", jobs, max_seconds, progress)
-    compared = [compare_rows(canonical(spec), load_problem(spec), rows) for spec in specs]
+    loaded = {canonical(spec): load_problem(spec) for spec in specs}
+    campaign = validation_campaign(specs, max_seconds)
+    with tempfile.TemporaryDirectory() as folder, Store(file or Path(folder) / "validation.sqlite") as store:
+        rows = run_campaign(campaign, store, limits=machine_limits(jobs), timing=False, progress=progress).rows
+    compared = [compare_rows(spec, problem, rows) for spec, problem in loaded.items()]
     verdicts = judge(row for entry in compared for row in entry.rows)
     command = "hhtbench validate " + (" ".join(f'"{spec}"' for spec in problems) if problems else "--all")
     matrices = [matrix_text(entry) for entry in compared] if problems else []  # of the library they would fill a book
+    reasons = {spec: " and ".join(HARD[tag] for tag in HARD if tag in problem.tags) for spec, problem in loaded.items()}
     return Validated(
         text="\n".join([solvability(verdicts, command), *matrices]),
         evidence=Evidence(title="validation", rows=tuple(_claims(compared, verdicts, reasons))),
     )
-
-
-def _run(
-    specs: tuple[str, ...], file: Path, jobs: int | None, max_seconds: float, progress: Progress | None
-) -> tuple[RunRow, ...]:
-    limits = machine_limits(jobs)
-    with Store(file) as store:
-        campaign = validation_campaign(specs, max_seconds)
-        return run_campaign(campaign, store, limits=limits, timing=False, progress=progress).rows
 
 
 def _claims(compared: list[Compared], verdicts: list[Verdict], reasons: dict[str, str]) -> list[Row]:
@@ -85,8 +78,3 @@ def _claims(compared: list[Compared], verdicts: list[Verdict], reasons: dict[str
         if not entry.known:
             rows += agreement_rows(entry, verdicts)
     return rows
-
-
-def _reason(spec: str) -> str:
-    tags = load_problem(spec).tags
-    return " and ".join(reason for tag, reason in HARD.items() if tag in tags)

@@ -19,13 +19,14 @@ def solvability(verdicts: list[Verdict], command: str) -> str:
     by_pair = {(verdict.problem, verdict.solver): verdict for verdict in verdicts}
     accuracy = [[p, *(_accuracy(by_pair.get((p, s))) for s in solvers)] for p in problems]
     work = [[p, *(_work(by_pair.get((p, s))) for s in solvers)] for p in problems]
+    counts = ", ".join(f"{count:,}" for count in STEPS)
     heads = ["problem", *(short(solver) for solver in solvers)]
     return "\n".join(
         [
             "# Who solves what",
             "",
             f"Made by `{command}`. The solvers and forms of the columns at relative tolerances 1e-8 and 1e-10",
-            f"(constant steps: {_numbers(STEPS)}), against certified references or closed solutions, or, where there is",
+            f"(constant steps: {counts}), against certified references or closed solutions, or, where there is",
             "neither, against the solver to which the others are nearest; the tightest counts.",
             "",
             "Collocation and projected made the references, so they do not count among those that agree.",
@@ -53,11 +54,16 @@ def solvability(verdicts: list[Verdict], command: str) -> str:
 def _accuracy(verdict: Verdict | None) -> str:
     if verdict is None:
         return ""
-    if verdict.kind in (Kind.failed, Kind.declined, Kind.unknown):
-        return {Kind.failed: verdict.status, Kind.declined: "-", Kind.unknown: "solved"}[verdict.kind]
     text = digits(verdict.error or 0.0)
-    shown = {Kind.agrees: text, Kind.converges: f"({text})", Kind.unfinished: f"({text})...", Kind.disagrees: f"! {text}"}
-    return shown[verdict.kind]
+    return {
+        Kind.failed: verdict.row.status,
+        Kind.declined: "-",
+        Kind.unknown: "solved",
+        Kind.agrees: text,
+        Kind.converges: f"({text})",
+        Kind.unfinished: f"({text})...",
+        Kind.disagrees: f"! {text}",
+    }[verdict.kind]
 
 
 def digits(error: float) -> str:
@@ -68,18 +74,15 @@ def digits(error: float) -> str:
 def _work(verdict: Verdict | None) -> str:
     if verdict is None or verdict.kind in (Kind.failed, Kind.declined):
         return ""
-    return "?" if verdict.evaluations is None else f"{verdict.evaluations:,}"
+    evaluations = verdict.row.counters.get("residual_evaluations")
+    return "?" if evaluations is None else f"{evaluations:,}"
 
 
 def _reasons(verdicts: list[Verdict]) -> list[str]:
     found: dict[str, list[str]] = {}
     for verdict in verdicts:
         if verdict.kind in (Kind.failed, Kind.declined):
-            text = f"{verdict.status}: {verdict.message}".split("; library")[0]
+            text = f"{verdict.row.status}: {verdict.row.message}".split("; library")[0]
             found.setdefault(f"{short(verdict.solver)}, {text[:300]}", []).append(verdict.problem)
     lines = [f"- {text}: {', '.join(dict.fromkeys(problems))}" for text, problems in found.items()]
     return lines[:MOST_REASONS] + ([f"- and {len(lines) - MOST_REASONS} more"] if len(lines) > MOST_REASONS else [])
-
-
-def _numbers(values: tuple[int, ...]) -> str:
-    return ", ".join(f"{value:,}" for value in values)

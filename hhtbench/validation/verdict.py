@@ -33,17 +33,23 @@ class Kind(Enum):
     declined = "declined"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Verdict:
     """One solver on one problem."""
 
-    problem: str
-    solver: str
+    row: RunRow  #: the judged run
     kind: Kind
-    error: float | None  #: largest scaled error of q and v
-    evaluations: int | None
-    status: str  #: of the judged run
-    message: str
+    error: float | None = None  #: largest scaled error of q and v
+
+    @property
+    def problem(self) -> str:
+        """Its canonical spec."""
+        return self.row.problem
+
+    @property
+    def solver(self) -> str:
+        """Its canonical spec."""
+        return self.row.solver
 
 
 def judge(rows: Iterable[RunRow]) -> list[Verdict]:
@@ -51,7 +57,7 @@ def judge(rows: Iterable[RunRow]) -> list[Verdict]:
     groups: dict[tuple[str, str], list[RunRow]] = {}
     for row in rows:
         groups.setdefault((row.problem, row.solver), []).append(row)
-    return [_verdict(*pair, group) for pair, group in groups.items()]
+    return [_verdict(group) for group in groups.values()]
 
 
 def error_of(row: RunRow) -> float | None:
@@ -59,34 +65,31 @@ def error_of(row: RunRow) -> float | None:
 
     Multipliers follow from q and v with the stiffness as a factor, so they count MULTIPLIER times less.
     """
-    errors = row.metrics.get("errors", {})
-    weights = {"q": 1.0, "v": 1.0, "lam": MULTIPLIER, "mu": MULTIPLIER}
-    values = [errors[name]["max_scaled"] for name in weights if name in errors]
-    if not values or None in values:
+    errors, weights = row.metrics.get("errors", {}), {"q": 1.0, "v": 1.0, "lam": MULTIPLIER, "mu": MULTIPLIER}
+    found = [(weights[name], errors[name]["max_scaled"]) for name in weights if name in errors]
+    if not found or any(error is None for _, error in found):
         return None
-    return max(weights[name] * errors[name]["max_scaled"] for name in weights if name in errors)
+    return max(weight * error for weight, error in found)
 
 
-def _verdict(problem: str, solver: str, rows: list[RunRow]) -> Verdict:
+def _verdict(rows: list[RunRow]) -> Verdict:
     solved = [row for row in rows if row.success]
     known = [(error, row) for row in solved if (error := error_of(row)) is not None]
     if not solved:
-        row = rows[-1]
-        kind = Kind.declined if row.status == "declined" else Kind.failed
-        return _made(problem, solver, kind, None, row)
+        return Verdict(rows[-1], Kind.declined if rows[-1].status == "declined" else Kind.failed)
     if not known:
-        return _made(problem, solver, Kind.unknown, None, solved[-1])
+        return Verdict(solved[-1], Kind.unknown)
     known.sort(key=lambda pair: effort(pair[1]))
     error, best = known[-1]  # the tightest
-    bound = AGREEMENT_OF_STEPS if stepped(solver) else AGREEMENT
-    if error <= max(bound, LIMIT * _bar(best)):
-        return _made(problem, solver, Kind.agrees, error, best)
-    falling = len(known) > 1 and error <= CONVERGING * known[-2][0] and error <= NEAR
-    if falling:
-        return _made(problem, solver, Kind.converges, error, best)
+    digits = best.metrics["errors"].get("digits")
+    bar = 0.0 if digits is None else 10.0**-digits
+    if error <= max(AGREEMENT_OF_STEPS if stepped(best.solver) else AGREEMENT, LIMIT * bar):
+        return Verdict(best, Kind.agrees, error)
+    if len(known) > 1 and error <= CONVERGING * known[-2][0] and error <= NEAR:
+        return Verdict(best, Kind.converges, error)
     cut = [row for row in rows if row.status in BUDGETS and effort(row) > effort(best)]
     alone = cut and len(known) == 1 and error <= NEAR  # nothing tells whether it would fall
-    return _made(problem, solver, Kind.unfinished if alone else Kind.disagrees, error, best)
+    return Verdict(best, Kind.unfinished if alone else Kind.disagrees, error)
 
 
 def short(solver: str) -> str:
@@ -102,22 +105,15 @@ def effort(row: RunRow) -> float:
     return float(asked["steps"]) if asked["steps"] is not None else -float(asked["rtol"] or 0.0)
 
 
-def _bar(row: RunRow) -> float:
-    digits = row.metrics.get("errors", {}).get("digits")
-    return 0.0 if digits is None else 10.0**-digits
+def claim(id: str, text: str, measured: str | float, bound: object, passed: bool | None) -> Row:
+    """A claim about the problem that ``id`` begins with."""
+    return Row(id=id, claim=f"{id.rpartition('/')[0]}: {text}", measured=measured, bound=str(bound), passed=passed)
 
 
-def _made(problem: str, solver: str, kind: Kind, error: float | None, row: RunRow) -> Verdict:
-    evaluations = row.counters.get("residual_evaluations")
-    return Verdict(
-        problem=problem,
-        solver=solver,
-        kind=kind,
-        error=error,
-        evaluations=evaluations,
-        status=row.status,
-        message=row.message,
-    )
+def nobody_disagrees(problem: str, own: list[Verdict], text: str) -> Row:
+    """The claim that no solver disagrees, of the verdicts on one problem."""
+    wrong = [f"{v.solver} {v.error:.1e}" for v in own if v.kind is Kind.disagrees]
+    return claim(f"{problem}/agree", text, "; ".join(wrong) or "none", "none", not wrong)
 
 
 def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str], makers: frozenset[str] = frozenset()) -> list[Row]:
@@ -128,30 +124,17 @@ def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str], makers: froz
     rows = []
     for problem in dict.fromkeys(verdict.problem for verdict in verdicts):
         own = [verdict for verdict in verdicts if verdict.problem == problem]
-        agree = [verdict.solver for verdict in own if verdict.kind is Kind.agrees]
-        agree = [solver for solver in agree if not stepped(solver) and solver not in makers]
-        wrong = [f"{v.solver} {v.error:.1e}" for v in own if v.kind is Kind.disagrees]
-        claim = f"{problem}: no pair disagrees with the reference"
-        rows.append(
-            Row(id=f"{problem}/agree", claim=claim, measured="; ".join(wrong) or "none", bound="none", passed=not wrong)
-        )
+        agree = [v for v in own if v.kind is Kind.agrees and not stepped(v.solver) and v.solver not in makers]
         few, reason = len(agree) < ENOUGH, reasons.get(problem, "")
         measured = f"{len(agree)}" + (f": {reason}" if few and reason else "")
-        claim = f"{problem}: at least {ENOUGH} pairs agree to {AGREEMENT:g}, or a reason is known"
-        rows.append(
-            Row(id=f"{problem}/pairs", claim=claim, measured=measured, bound=str(ENOUGH), passed=not few or bool(reason))
-        )
+        enough = f"at least {ENOUGH} pairs agree to {AGREEMENT:g}, or a reason is known"
         steps = [verdict for verdict in own if verdict.solver == "hht"]
+        shown = "; ".join(f"{v.error:.1e}" if v.error is not None else v.row.status for v in steps)
         good = any(verdict.kind is Kind.agrees for verdict in steps)
-        shown = "; ".join(f"{v.error:.1e}" if v.error is not None else v.status for v in steps)
-        claim = f"{problem}: HHT at constant steps agrees to {AGREEMENT_OF_STEPS:g}"
-        rows.append(
-            Row(
-                id=f"{problem}/hht",
-                claim=claim,
-                measured=shown,
-                bound=f"{AGREEMENT_OF_STEPS:g}",
-                passed=good,
-            )
-        )
+        constant = f"HHT at constant steps agrees to {AGREEMENT_OF_STEPS:g}"
+        rows += [
+            nobody_disagrees(problem, own, "no pair disagrees with the reference"),
+            claim(f"{problem}/pairs", enough, measured, ENOUGH, not few or bool(reason)),
+            claim(f"{problem}/hht", constant, shown, f"{AGREEMENT_OF_STEPS:g}", good),
+        ]
     return rows

@@ -2,6 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from hhtbench.campaign import Campaign, Cell, plan_pairs
+from hhtbench.errors import ProblemError
+from hhtbench.store import RunRow, load_rows
+
 PROBLEM = """\
     '''A weight that falls: y = 1 - g t^2 / 2.'''
     import numpy as np
@@ -137,3 +148,39 @@ GROUPS = {
     "hhtbench.problems": {"fall": "outside.fall:problem"},
     "hhtbench.solvers": {"told": "outside.told:Told", "absent": "outside.told:Absent"},
 }
+
+
+def first_cells(campaign: Campaign) -> list[Cell]:
+    """What every pair of a campaign asks for first: all of it, where its settings are given."""
+    return [cell for pair in plan_pairs(campaign) for cell in pair.next_cells(())]
+
+
+def started(folder: Path, *words: str) -> subprocess.Popen[str]:
+    """The command ``hhtbench``, which finds the distribution in ``folder``."""
+    environment, main = {**os.environ, "PYTHONPATH": str(folder)}, "from hhtbench.cli import main; main()"
+    command = [sys.executable, "-c", main, *words]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def wait_for(what: Callable[[], bool], seconds: float = 60.0) -> None:
+    """Until ``what`` holds; it fails where that takes longer."""
+    end = time.monotonic() + seconds
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.02)
+
+
+def alive(pid: int) -> bool:
+    """Whether there is such a process that has not ended."""
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
+    except OSError:
+        return False
+
+
+def rows_so_far(store: Path) -> list[RunRow]:
+    """Of a store that may not be there yet."""
+    try:
+        return load_rows(store)
+    except ProblemError:
+        return []

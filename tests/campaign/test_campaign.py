@@ -124,7 +124,7 @@ class Clocks(Immediate):
         if len(self.diary) >= self.most:
             raise KeyboardInterrupt
         future = super().submit(fn, *args, **kwargs)
-        future.result().update(cpu_s=0.1, wall_s=0.1, solves=1, load=0.0)
+        future.result().update(cpu_s=0.01, wall_s=0.01, solves=1, load=0.0)
         return future
 
 

@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.campaign import Campaign, Grid, plan_cells
+from hhtbench.campaign import Campaign, Grid
 from hhtbench.campaign.asked import split_specs
 from hhtbench.campaign.summary import failure_lines, is_failure
 from hhtbench.cli import main
 from hhtbench.store import RunRow, Store, load_rows
+from tests.campaign.plugin import first_cells
 
 
 def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, tmp_path: Path):
@@ -41,7 +42,7 @@ def test_a_solver_from_outside_the_distribution_runs_beside_hht(outside: Path, t
         (["--problems", "fal", "--solvers", "told", "--rtol", "1e-3"], "Did you mean fall"),
         (["--problems", "fall", "--solvers", "told", "--rtol", "small"], "--rtol takes numbers"),
         (["--problems", "fall", "--rtol", "1e-3"], "nothing to run"),
-        (["--campaign", "quick", "--rtol", "1e-3"], "has its own tolerances"),
+        (["--campaign", "quick", "--rtol", "1e-3"], "a campaign has its own rtol"),
         (["--campaign", "slow"], "known: full, quick"),
         (["--campaign", "quick", "--problems", "nosuch"], "the campaign has no problem 'nosuch'"),
         (["--campaign", "quick", "--solvers", "hht(alpha=-0.3), ida(form=gg1)"], "Did you mean ida(form='ggl')"),
@@ -88,7 +89,7 @@ def test_cells_that_fail_make_the_exit_code_1_only_where_that_is_asked(
 ):
     store = tmp_path / "runs.db"
     with Store(store) as kept:
-        for cell in plan_cells(Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(1e-3, 1e-4)),))):
+        for cell in first_cells(Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(1e-3, 1e-4)),))):
             row = RunRow(
                 key=cell.key, problem="fall", solver="told", request=cell.request, status="user_exception", message="no"
             )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import resource
+import shlex
 import signal
 import subprocess
 import sys
@@ -16,10 +17,11 @@ from typing import Any
 import pytest
 
 from hhtbench import processes
-from hhtbench.campaign import Campaign, Grid, Limits, execute, machine, plan_cells, process, run_campaign
+from hhtbench.campaign import Campaign, Grid, Limits, execute, machine, process, run_campaign
 from hhtbench.campaign import campaign as loop
 from hhtbench.errors import ProblemError
 from hhtbench.store import Store, load_rows
+from tests.campaign.plugin import alive, first_cells, rows_so_far, started, wait_for
 
 TOLERANCES = (1e-3, 1e-6)  # the solver of the test misbehaves at the second
 ENDS = {
@@ -127,7 +129,7 @@ def test_changed_sources_run_again_and_replace_the_old_row(outside: Path, tmp_pa
         path = outside / "outside" / "told.py"
         path.write_text(path.read_text() + "\n# changed\n")
         assert run_campaign(asked, store, limits=one, timing=False).ran == 2
-    assert {row.key for row in load_rows(tmp_path / "runs.db")} == {cell.key for cell in plan_cells(asked)}
+    assert {row.key for row in load_rows(tmp_path / "runs.db")} == {cell.key for cell in first_cells(asked)}
 
 
 def test_a_worker_that_cannot_start_ends_the_campaign(
@@ -265,36 +267,26 @@ def test_rows_of_other_versions_are_refused(outside: Path, tmp_path: Path, limit
     assert load_rows(tmp_path / "runs.db") == []
 
 
-def alive(pid: int) -> bool:
-    try:
-        return "\nState:\tZ" not in Path(f"/proc/{pid}/status").read_text()
-    except OSError:
-        return False
-
-
-def test_kill_9_of_the_runner_loses_nothing_acknowledged_and_leaves_no_worker(outside: Path, tmp_path: Path):
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=["kill -9", "Ctrl-C"])
+def test_kill_9_of_the_runner_loses_nothing_acknowledged_and_leaves_no_worker(
+    outside: Path, tmp_path: Path, number: signal.Signals
+):
+    """Nor does Ctrl-C, which says how to go on; other signals, and two of them, in test_run_faults.py."""
     store, log = tmp_path / "runs.db", tmp_path / "log"
-    command = [
-        *(sys.executable, "-c", "from hhtbench.cli import main; main()", "run", "--store", str(store), "--jobs", "1"),
-        *("--problems", "fall", "--solvers", f"told(seconds=0.2, log='{log}')", "--no-timing"),
-        *("--rtol", "1e-3,2e-3,3e-3,4e-3,5e-3"),
-    ]
-    environment = {**os.environ, "PYTHONPATH": str(outside)}
-    runner = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
-    end = time.monotonic() + 60
-    while not (store.exists() and len(rows_so_far(store)) >= 2):
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    os.kill(runner.pid, signal.SIGKILL)
-    runner.wait()
+    options = ["run", "--store", str(store), "--problems", "fall", "--solvers", f"told(seconds=0.2, log='{log}')"]
+    options += ["--no-timing", "--jobs", "1", "--rtol", "1e-3,2e-3,3e-3,4e-3,5e-3"]
+    runner = started(outside, *options)
+    wait_for(lambda: len(rows_so_far(store)) >= 2)
+    os.kill(runner.pid, number)
+    _, said = runner.communicate(timeout=20)
     kept = load_rows(store)
     assert 2 <= len(kept) < 5
-    end = time.monotonic() + 5
-    while any(alive(int(pid)) for pid in set(log.read_text().split())):
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    again = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert f"5 cells: 5 success ({5 - len(kept)} run now, 0 timed now)" in again.stdout
+    if number == signal.SIGINT:
+        assert runner.returncode == 130 and "Traceback" not in said
+        assert shlex.split(said.strip().splitlines()[-1]) == ["hhtbench", *options]
+    wait_for(lambda: not any(alive(int(pid)) for pid in set(log.read_text().split())), 5)
+    out, _ = started(outside, *options).communicate(timeout=60)
+    assert f"5 cells: 5 success ({5 - len(kept)} run now, 0 timed now)" in out
     rows = load_rows(store)
     assert len(rows) == 5
     assert all(row in rows for row in kept)
@@ -317,21 +309,8 @@ def test_a_worker_that_hangs_in_c_dies_with_its_killed_runner(outside: Path, tmp
     solver = f"told(does='hang', log='{log}')"
     environment = {**os.environ, "PYTHONPATH": str(outside)}
     runner = subprocess.Popen([sys.executable, "-c", HOLDS, solver], env=environment)
-    end = time.monotonic() + 60
-    while not (log.exists() and log.read_text()):
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    wait_for(lambda: log.exists() and bool(log.read_text()))
     time.sleep(0.1)  # it hangs now
     os.kill(runner.pid, signal.SIGKILL)
     runner.wait()
-    end = time.monotonic() + 5
-    while alive(int(log.read_text())):
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def rows_so_far(store: Path) -> list[object]:
-    try:
-        return list(load_rows(store))
-    except ProblemError:  # the tables are not there yet
-        return []
+    wait_for(lambda: not alive(int(log.read_text())), 5)

@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import os
-import shlex
 import signal
 import subprocess
 import sys
 import textwrap
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from hhtbench.errors import ProblemError
 from hhtbench.interruption import Interrupted, ends_in_order
-from hhtbench.store import load_rows
-from tests.campaign.test_execute import alive
+from tests.campaign.plugin import alive, started, wait_for
 
-MAIN = "from hhtbench.cli import main; main()"
 SWALLOWS = """
     '''A library that catches whatever is raised while it is imported, and takes long for it.'''
     import pathlib, time
@@ -31,48 +26,6 @@ SWALLOWS = """
             pass
     def problem(): pass
 """
-
-
-def started(outside: Path, *options: str) -> subprocess.Popen[str]:
-    environment = {**os.environ, "PYTHONPATH": str(outside)}
-    command = [sys.executable, "-c", MAIN, *options]
-    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def wait_for(what: Callable[[], bool]) -> None:
-    end = time.monotonic() + 60
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def test_a_campaign_that_is_interrupted_says_how_to_go_on_and_that_does(outside: Path, tmp_path: Path):
-    """By Ctrl-C; other signals, and two of them, in test_run_faults.py."""
-    store, log = tmp_path / "runs.db", tmp_path / "log"
-    solver = f"told(seconds=0.2, log='{log}')"
-    options = ["run", "--store", str(store), "--problems", "fall", "--solvers", solver, "--no-timing", "--jobs", "1"]
-    options += ["--rtol", "1e-3,2e-3,3e-3,4e-3,5e-3"]
-    runner = started(outside, *options)
-    wait_for(lambda: _count(store) >= 2)
-    os.kill(runner.pid, signal.SIGINT)
-    _, said = runner.communicate(timeout=20)
-    assert runner.returncode == 130
-    assert "Traceback" not in said
-    command = said.strip().splitlines()[-1]
-    assert shlex.split(command) == ["hhtbench", *options]
-    assert not any(alive(int(pid)) for pid in set(log.read_text().split()))
-    kept = load_rows(store)
-    assert 2 <= len(kept) < 5
-    again = started(outside, *shlex.split(command)[1:])
-    out, _ = again.communicate(timeout=60)
-    assert f"5 cells: 5 success ({5 - len(kept)} run now" in out
-
-
-def _count(store: Path) -> int:
-    try:
-        return len(load_rows(store))
-    except ProblemError:
-        return 0
 
 
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="children are read from /proc")

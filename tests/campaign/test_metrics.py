@@ -212,18 +212,13 @@ def ends(**changes: Any) -> Ends:
     return Ends(t=made.t, q=made.q, v=made.v, carried=made.carried)
 
 
-def test_the_acceleration_level_is_judged_at_every_step():
-    found = measure(circle(), replace(solution(carried=0.5), ends=ends(carried=0.75)))
-    assert found.metrics["drift"]["acceleration"] == pytest.approx(0.2)
-    assert len(found.series["acceleration"]["t"]) == 41
-
-
-def test_the_acceleration_level_of_many_steps_is_judged_at_some_from_the_first_to_the_last(monkeypatch):
-    monkeypatch.setattr(drift, "MAX_OWN", 10)
+@pytest.mark.parametrize(("most", "points"), [(5000, 41), (10, 10)])
+def test_the_acceleration_level_is_judged_at_every_step_or_at_some_of_many(monkeypatch, most: int, points: int):
+    monkeypatch.setattr(drift, "MAX_OWN", most)
     found = measure(circle(), replace(solution(carried=0.5), ends=ends(carried=0.75)))
     assert found.metrics["drift"]["acceleration"] == pytest.approx(0.2)
     times = found.series["acceleration"]["t"]
-    assert (len(times), times[0], times[-1]) == (10, 0.0, 1.0)
+    assert (len(times), times[0], times[-1]) == (points, 0.0, 1.0)
 
 
 def test_the_multipliers_that_the_solver_holds_have_an_error_of_their_own():

@@ -9,16 +9,17 @@ from pathlib import Path
 import pytest
 
 from hhtbench import list_problems, list_solvers, load_problem
-from hhtbench.campaign import Campaign, Grid, named_campaign, next_cells, plan_cells, plan_pairs, restrict, sources
+from hhtbench.campaign import Campaign, Grid, named_campaign, plan_pairs, restrict, sources
 from hhtbench.errors import NotFoundError, ProblemError
 from hhtbench.specs import parse_spec
+from tests.campaign.plugin import first_cells
 
 GRID = Grid(problems=("fall",), solvers=("told", "told(does='nan')"), rtol=(1e-3, 1e-6))
 CAMPAIGN = Campaign(grids=(GRID,))
 
 
 def keys(campaign: Campaign = CAMPAIGN) -> list[str]:
-    return [cell.key for cell in plan_cells(campaign)]
+    return [cell.key for cell in first_cells(campaign)]
 
 
 def test_a_plan_holds_every_combination_once_with_a_key_of_its_own(outside: Path):
@@ -178,12 +179,12 @@ def test_whoever_can_use_minimal_coordinates_is_given_them(name: str):
 def test_a_pair_that_is_refined_has_the_campaigns_rules_in_every_request(outside: Path):
     campaign = Campaign(grids=(Grid(problems=("fall",), solvers=("told",), held_out=True),), accuracies=(1e-2, 1e-3))
     (pair,) = plan_pairs(campaign)
-    (first,) = next_cells(pair, ())
+    (first,) = pair.next_cells(())
     assert first.request["rtol"] == 3e-2
     rules = {"accuracies": [1e-2, 1e-3], "max_seconds": 20.0, "pair_seconds": 60.0, "refinements": 16}
     assert (first.request["rules"], first.request["held_out"]) == (rules, True)
     (other,) = plan_pairs(replace(campaign, refinements=3, accuracies=(1e-5,)))
-    assert next_cells(other, ())[0].key == first.key, "what is asked for next does not change what was found"
+    assert other.next_cells(())[0].key == first.key, "what is asked for next does not change what was found"
 
 
 @pytest.mark.parametrize(
@@ -204,22 +205,22 @@ def test_specs_that_write_out_a_default_and_specs_that_do_not_are_the_same_cells
     quick = restrict(named_campaign("quick"), ["andrews"], ["projected"])
     assert {solver for grid in quick.grids for solver in grid.solvers} == {"projected(method=DOP853)"}
     twice = Grid(problems=("fall", "fall(t_end=1.0)"), solvers=("projected", "projected(method=DOP853)"), rtol=(1e-3,))
-    assert [(cell.problem, cell.solver) for cell in plan_cells(Campaign(grids=(twice,)))] == [("fall", "projected")]
+    assert [(cell.problem, cell.solver) for cell in first_cells(Campaign(grids=(twice,)))] == [("fall", "projected")]
     told = ("hht", "hht(b=0)", "hht(engine='compiled')", "hht(alpha=-0.1)")
     whole = Grid(problems=("fall(t_end=2)", "fall(t_end=2.0)"), solvers=told, rtol=(1e-3,))
-    assert [cell.solver for cell in plan_cells(Campaign(grids=(whole,)))] == ["hht", "hht(alpha=-0.1)"]
+    assert [cell.solver for cell in first_cells(Campaign(grids=(whole,)))] == ["hht", "hht(alpha=-0.1)"]
     other = Grid(problems=("fall", "fall(t_end=2.0)"), solvers=("projected", "projected(method=RK23)"), rtol=(1e-3,))
-    assert len(plan_cells(Campaign(grids=(other,)))) == 4
+    assert len(first_cells(Campaign(grids=(other,)))) == 4
 
 
 def test_a_users_folder_of_a_distributions_name_changes_no_key(
     outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     asked = Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(1e-3,)),))
-    (before,) = plan_cells(asked)
+    (before,) = first_cells(asked)
     folder = tmp_path / "own" / "outside"
     folder.mkdir(parents=True)
     (folder / "__init__.py").write_text("VALUE = 1\n")
     monkeypatch.syspath_prepend(str(folder.parent))
-    (after,) = plan_cells(asked)
+    (after,) = first_cells(asked)
     assert after.key == before.key

@@ -13,18 +13,15 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from hhtbench.errors import ProblemError
 from hhtbench.store import RunRow, load_rows
 from tests.campaign.faulty_disk import environment, preloaded
-from tests.campaign.plugin import FILES, GROUPS
-from tests.campaign.test_execute import alive
+from tests.campaign.plugin import FILES, GROUPS, alive, rows_so_far, wait_for
 from tests.platform.plugins_fixture import make_distribution
 
 pytestmark = pytest.mark.long
@@ -69,10 +66,7 @@ class Campaign:
 
     def look(self) -> None:
         """At the rows that are there: none that was there is gone or another."""
-        try:
-            now = {row.key: row for row in load_rows(self.store)}
-        except ProblemError:  # the file is not there yet
-            now = {}
+        now = {row.key: row for row in rows_so_far(self.store)}
         self.lost += sum(key not in now or result(now[key]) != result(row) for key, row in self.seen.items())
         self.seen = now
 
@@ -170,13 +164,6 @@ def test_fifty_kills_of_runners_their_groups_and_workers_lose_double_and_change_
     assert kills.keys() == SHARES.keys()
 
 
-def until(what: Any) -> None:
-    end = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
 def some_rows(campaign: Campaign, count: int) -> bool:
     campaign.look()
     return len(campaign.seen) >= count
@@ -188,7 +175,7 @@ def test_signals_end_a_run_in_order_and_the_same_command_goes_on(
 ):
     campaign = Campaign(folder, tmp_path / "runs.sqlite")
     runner = campaign.start()
-    until(lambda: some_rows(campaign, 5))
+    wait_for(lambda: some_rows(campaign, 5))
     workers = workers_of(runner.pid)
     for name in numbers:
         with suppress(ProcessLookupError):
@@ -196,7 +183,7 @@ def test_signals_end_a_run_in_order_and_the_same_command_goes_on(
     _, said = runner.communicate(timeout=PATIENCE)
     assert runner.returncode in {128 + signal.Signals[name] for name in numbers}
     assert "Traceback" not in said and said.strip().splitlines()[-1].startswith("hhtbench run --store")
-    until(lambda: not any(map(alive, workers)))
+    wait_for(lambda: not any(map(alive, workers)))
     assert campaign.run()[0] == 0
     assert campaign.faults(expected) == {}
 
@@ -236,7 +223,7 @@ def test_of_two_runners_of_one_store_the_second_is_refused_and_one_that_is_gone_
 ):
     campaign = Campaign(folder, tmp_path / "runs.sqlite")
     runner = campaign.start()
-    until(lambda: some_rows(campaign, 1))
+    wait_for(lambda: some_rows(campaign, 1))
     for _ in range(3):
         code, said = Campaign(folder, campaign.store).run()
         assert code == 2 and "another `hhtbench run` writes" in said
@@ -248,19 +235,13 @@ def test_of_two_runners_of_one_store_the_second_is_refused_and_one_that_is_gone_
     assert campaign.faults(expected) == {}
 
 
-@pytest.fixture
-def spoilt(folder: Path, expected: dict[str, dict[str, Any]], tmp_path: Path) -> Iterator[Campaign]:
-    """A run that was killed in its middle."""
-    campaign = Campaign(folder, tmp_path / "runs.sqlite")
-    runner = campaign.start()
-    until(lambda: some_rows(campaign, 30))
+def test_cells_of_a_damaged_store_run_again_and_are_named(folder: Path, expected: dict[str, dict[str, Any]], tmp_path: Path):
+    spoilt = Campaign(folder, tmp_path / "runs.sqlite")
+    runner = spoilt.start()
+    wait_for(lambda: some_rows(spoilt, 30))
     os.kill(runner.pid, signal.SIGKILL)
     runner.communicate()
-    campaign.look()
-    yield campaign
-
-
-def test_cells_of_a_damaged_store_run_again_and_are_named(spoilt: Campaign, expected: dict[str, dict[str, Any]]):
+    spoilt.look()
     content = bytearray(spoilt.store.read_bytes())
     chance = random.Random(2)
     for _ in range(20):

@@ -10,9 +10,10 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.campaign import Campaign, Grid, machine, plan_cells
+from hhtbench.campaign import Campaign, Grid, machine
 from hhtbench.cli import main
 from hhtbench.store import RunRow, Store, load_rows
+from tests.campaign.plugin import first_cells
 
 HERE = machine.machine_facts()
 GIVEN = '[[grid]]\nproblems = ["fall"]\nsolvers = ["told"]\nrtol = [1e-3, 1e-4]\n'
@@ -46,9 +47,9 @@ def status(*words: object) -> Any:
     return CliRunner().invoke(main, ["status", *map(str, words)])
 
 
-def test_cells_failures_by_reason_time_span_and_machines_are_told(tmp_path: Path):
-    store = filled(tmp_path / "runs.db")
-    found = status(store)
+def test_cells_failures_by_reason_time_span_and_machines_are_told_and_there_as_json(tmp_path: Path):
+    store, file = filled(tmp_path / "runs.db"), tmp_path / "status.json"
+    found = status(store, "--json", file)
     assert found.exit_code == 0, found.output
     lines = [" ".join(line.split()) for line in found.output.splitlines()]
     assert lines[0] == f"{store}: 4 cells: 2 crashed, 1 success, 1 declined"
@@ -57,11 +58,6 @@ def test_cells_failures_by_reason_time_span_and_machines_are_told(tmp_path: Path
     assert lines[3] == "made from 2026-01-01T00:00:00+00:00 to 2026-01-04T00:00:00+00:00"
     assert lines[4].startswith(f"rows: 3, by {HERE['processor']}, {HERE['cores']} cores, ")
     assert lines[5].startswith("rows: 1, by another, 99 cores, ")
-
-
-def test_the_same_is_there_as_json(tmp_path: Path):
-    store, file = filled(tmp_path / "runs.db"), tmp_path / "status.json"
-    assert status(store, "--json", file).exit_code == 0
     told = json.loads(file.read_text())
     assert (told["cells"], told["ended"]) == (4, {"success": 1, "crashed": 2, "declined": 1})
     assert [(one["status"], len(one["cells"])) for one in told["failures"]] == [("crashed", 2), ("declined", 1)]
@@ -106,7 +102,7 @@ def test_what_a_campaign_would_run_next_is_counted_until_nothing_is_left(campaig
         assert found.exit_code == 0, found.output
         return dict(json.loads(file.read_text())["left"])
 
-    first = plan_cells(Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(3e-2,)),)))[0]
+    first = first_cells(Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(3e-2,)),)))[0]
     other = row(5, key="other")
     filled(store, (row(0, key=first.key, request=first.request, status="newton_failed"), other))
     found = left()
@@ -122,7 +118,7 @@ def test_what_a_campaign_would_run_next_is_counted_until_nothing_is_left(campaig
 def test_successes_without_times_and_cells_that_ran_out_of_a_smaller_budget_are_left(outside: Path, tmp_path: Path):
     store, file = tmp_path / "runs.db", tmp_path / "mine.toml"
     asked = Campaign(grids=(Grid(problems=("fall",), solvers=("told",), rtol=(1e-3, 1e-4)),), max_seconds=9.0)
-    ends = zip(plan_cells(asked), ("deadline", "success"), strict=True)
+    ends = zip(first_cells(asked), ("deadline", "success"), strict=True)
     filled(store, tuple(row(0, key=cell.key, request=cell.request, status=end) for cell, end in ends))
     for budget, left in ((9.0, 0), (99.0, 1)):
         file.write_text(f"max_seconds = {budget}\n{GIVEN}")

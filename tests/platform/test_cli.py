@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from hhtbench.advice import trading
 from hhtbench.analysis.fronts import MEASURES
-from hhtbench.cli import COMMANDS, main
+from hhtbench.cli import main
 from hhtbench.description import Description, Statement
 from hhtbench.errors import ProblemError
 from hhtbench.evidence import Evidence, Row
@@ -37,17 +37,9 @@ def test_list_shows_names_and_first_docstring_lines(acme, run):
     assert [word for word in ("problems", "solvers", "verifications") if f"{word}\n" not in result.output] == []
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_the_overview_says_of_a_command_what_its_own_help_says_first(name):
-    command = main.get_command(click.Context(main), name)
-    assert command.name == name
-    assert COMMANDS[name][1] == command.help.partition("\n\n")[0]
-
-
 def commands():
     """Every command, those of groups too, by its words."""
-    for name in COMMANDS:
-        command = main.get_command(click.Context(main), name)
+    for name, command in main.commands.items():
         yield name, command
         for word, inner in getattr(command, "commands", {}).items():
             yield f"{name} {word}", inner
@@ -57,7 +49,7 @@ def commands():
 def test_the_help_of_every_command_ends_with_an_example_that_it_can_read(words, command):
     example = shlex.split(command.help.partition("For example: hhtbench ")[2])
     assert example[: len(words.split())] == words.split(), "no example, or one of another command"
-    reader, rest = main.get_command(click.Context(main), example[0]), example[1:]
+    reader, rest = main.commands[example[0]], example[1:]
     if isinstance(reader, click.Group):
         reader, rest = reader.commands[rest[0]], rest[1:]
     assert reader.make_context(reader.name, rest).params
@@ -81,7 +73,7 @@ def test_the_defaults_that_the_help_names_are_those_of_the_functions():
 
 
 def _parameters(name):
-    return main.get_command(click.Context(main), name).params
+    return main.commands[name].params
 
 
 def _default(name, parameter):

@@ -33,7 +33,6 @@ def row(solver="ida(form='ggl')", error=1e-9, status="success", rtol=1e-8, digit
     [
         ([row(error=1e-4), row(error=1e-8, rtol=1e-10)], Kind.agrees),
         ([row(error=1e-3), row(error=1e-5, rtol=1e-10)], Kind.converges),
-        ([row(error=1e-3), row(error=0.9e-3, rtol=1e-10)], Kind.disagrees),
         ([row(error=1e-3)], Kind.disagrees),
         ([row(error=1e-3, digits=4)], Kind.disagrees),
         ([row(error=1e-3, digits=3)], Kind.agrees),  # the reference itself is no better
@@ -44,6 +43,10 @@ def row(solver="ida(form='ggl')", error=1e-9, status="success", rtol=1e-8, digit
         ([row(error=1e-2), row(error=None, status="deadline", rtol=1e-10)], Kind.disagrees),  # too far to be excused
         ([row(error=1e-4), row(error=None, status="newton_failed", rtol=1e-10)], Kind.disagrees),  # not a matter of time
         ([row(error=None, status="deadline"), row(error=1e-4, rtol=1e-10)], Kind.disagrees),  # the tightest did finish
+        ([row(error=1e-5), row(error=1e-1, rtol=1e-10)], Kind.disagrees),  # it grew
+        ([row(error=4.0, rtol=1e-10), row(error=10.0)], Kind.disagrees),  # far from everything, in any order
+        ([row(error=0.5, rtol=1e-10), row(error=1e-9)], Kind.disagrees),  # the tighter run is what counts
+        ([row(error=1e-3), row(error=5e-4, rtol=1e-10)], Kind.disagrees),  # hardly falls
         ([row("hht", 5e-5)], Kind.agrees),
         ([row("hht", 5e-4)], Kind.disagrees),
     ],
@@ -109,20 +112,6 @@ def test_the_command_leaves_with_one_where_a_solver_disagrees(tmp_path, monkeypa
     result = CliRunner().invoke(main, ["validate", f"spring.py:problem(wrong={wrong})", "--jobs", "1", "--out", "table.md"])
     assert result.exit_code == code, result.output
     assert "projected DOP853" not in (tmp_path / "table.md").read_text()
-
-
-@pytest.mark.parametrize(
-    ("loose", "tight", "kind"),
-    [
-        (1e-5, 1e-1, Kind.disagrees),  # it grew
-        (10.0, 4.0, Kind.disagrees),  # far from everything
-        (1e-9, 0.5, Kind.disagrees),  # the tighter run is what counts
-        (1e-3, 5e-4, Kind.disagrees),  # hardly falls
-    ],
-)
-def test_a_result_that_gets_worse_or_hardly_better_with_the_tolerance_disagrees(loose, tight, kind):
-    for rows in ([row(error=loose), row(error=tight, rtol=1e-10)], [row(error=tight, rtol=1e-10), row(error=loose)]):
-        assert judge(rows)[0].kind is kind
 
 
 def test_who_made_the_reference_does_not_count_among_those_that_agree():
