@@ -103,8 +103,9 @@ def methods_for(problem: Problem) -> list[tuple[str, tuple[str, ...]]]:
     constrained = any(declared(problem.system, name) is not None for name in ("constraint", "velocity_constraint"))
     first = GGL if constrained else INDEX1  # without constraints there is no ggl
     explicit = [(form, (EXPLICIT,)) for form in dict.fromkeys((first, INDEX1))]
-    implicit = [(first, (CVODE, IDA) if constrained else (CVODE,))]
-    return [*(implicit + explicit if _decays(problem) else explicit + implicit), (EXPLICIT, (IDA,))]
+    implicit = (first, (CVODE, IDA) if constrained else (CVODE,))
+    order = [implicit, *explicit] if _decays(problem) else [*explicit, implicit]
+    return [*order, (EXPLICIT, (IDA,))]
 
 
 def _decays(problem: Problem) -> bool:
