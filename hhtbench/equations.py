@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,9 @@ from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import DenseOutput, Solution, Status
+
+POWERS = 12  # of the power iteration: the fastest mode to some percent
+MOVED = 1e-6  # of the scales: how far a state is moved for a difference
 
 
 class Equations:
@@ -94,6 +98,38 @@ class Equations:
         if limit is not None and spent >= limit:
             raise BudgetSpent("evaluations", limit)
         return self._solved(t, q, v).vdot
+
+    def fastest_mode(self, at_start: Vector) -> tuple[float, float]:
+        """Size [1/s] and damping, 0 (it swings) to 1 (it decays), of the largest eigenvalue of y' = (v, vdot) at the start.
+
+        By power iteration, from ``at_start`` (n,), the acceleration there.  A pair of complex eigenvalues turns the vector
+        for ever; the last three vectors tell both: x'' = s x' - p x, where s is their sum and p their product.
+
+        Raises
+        ------
+        Stop
+            As :meth:`acceleration`.
+        """
+        problem, n = self.problem, self.n
+        scale = float(np.max(np.asarray(problem.scales.q)))
+
+        def moved(x: Vector) -> Vector:
+            length = MOVED * scale / max(float(np.max(np.abs(x))), 1e-300)
+            there = self.acceleration(problem.t_span[0], problem.q0 + length * x[:n], problem.v0 + length * x[n:])
+            return np.concatenate([x[n:], (there - at_start) / length])
+
+        x = np.random.default_rng(0).standard_normal(2 * n)
+        before, now = x, moved(x)
+        for _ in range(POWERS - 2):
+            size = float(np.linalg.norm(now))
+            if size == 0.0 or not math.isfinite(size):
+                return 0.0, 0.0
+            before, now = now / size, moved(now / size)
+        (total, product), *_ = np.linalg.lstsq(np.stack([now, -before], axis=1), moved(now), rcond=None)
+        roots = np.roots([1.0, -total, product])
+        largest = roots[np.argmax(np.abs(roots))]
+        size = float(np.abs(largest))
+        return size, float(abs(largest.real) / size) if size else 0.0
 
     def constraints(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
         """Both levels: ``g`` (m,), and ``g_t + g_q v`` above ``k`` (m + p,)."""

@@ -15,6 +15,7 @@ from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import linalg, special
 
 from hhtbench.arguments import Matrix, Vector, positive_integer
@@ -27,19 +28,22 @@ from solvers._start import typical_sizes
 
 KNOWN = {"form": ("ggl", "index2", "index1")}
 STAGES = 7
-MOST_STAGES = 12  # beyond, the differentiation matrix loses digits
-SAFETY, MOST_GROWTH, LEAST_SHRINK = 0.9, 2.0, 0.1  # of a step's length from one step to the next
+MAX_STAGES = 12  # beyond, the differentiation matrix loses digits
+SAFETY, MAX_GROWTH, MIN_SHRINK = 0.9, 2.0, 0.1  # of a step's length from one step to the next
 NEWTON_SHRINK = 0.5  # where Newton's iteration fails
-PATIENCE = 20  # steps without growth after a refusal
-KEEP = 1.3  # a step that could grow by less keeps its length, and with it the factorised matrix
-FIRST = 1e-4  # of the interval: the first step that is tried
-BETTER = 0.75  # the last Legendre coefficient may be rtol**BETTER: the end of a step is better by more than that
-MOST_ITERATIONS = 20  # of the simplified Newton iteration, which gains one to five digits each
-SLOW, TOO_SLOW = 0.1, 0.5  # contraction from which the matrix is made anew, and from which the step is too long
-UNJUDGED = 3  # first increments that say nothing of the contraction: they mend the guess of the multipliers
+STEPS_WITHOUT_GROWTH = 20  # steps without growth after a refusal
+WORTH_GROWING = 1.3  # a step that could grow by less keeps its length, and with it the factorised matrix
+FIRST_STEP = 1e-4  # of the interval: the first step that is tried
+END_POWER = 0.75  # the last Legendre coefficient may be rtol**END_POWER: the end of a step is better by more than that
+MAX_ITERATIONS = 20  # of the simplified Newton iteration, which gains one to five digits each
+OLD_CONTRACTION = 0.1  # of the increments by the matrix of an earlier step: above it the matrix is made anew
+LEAST_CONTRACTION = 0.5  # by a new matrix: above it the step is too long
+UNJUDGED = 3  # first increments that say nothing of the contraction: they correct the guess of the multipliers
 ROUNDOFF = 1e-15  # increments below this, relative to the sizes, change nothing
-BESIDE = 1e-2  # of the largest coordinate: by less than that no other is measured
-STAGNATION = 1e-13  # increments below this that no longer shrink are roundoff in the defect
+SMALLEST_SIZE = 1e-2  # of the largest coordinate: by less than that no other is measured
+STAGNATION = 1e-13  # increments by a new matrix, below this, that no longer shrink are roundoff in the defect
+EPS = float(np.finfo(np.float64).eps)
+NOISE_SAFETY = 2.0  # one sample of roundoff may be smaller than another
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class CollocationSolver(Adapter):
         method = Collocation(run=run, nodes=radau_nodes(self.stages), scales=_scales(run), rate=run.start.yp)
         run.tells_no_steps()
         weights = np.where(run.form.multipliers, np.inf, run.weights)
-        length, patience = FIRST * abs(run.t1 - run.t0), 0
+        length, patience = FIRST_STEP * abs(run.t1 - run.t0), 0
         while run.unfinished():
             end = _end_of_step(run, length)
             h = end - run.t
@@ -64,22 +68,22 @@ class CollocationSolver(Adapter):
             factor = self._growth(z, method, weights + run.rtol * np.abs(run.y), run.rtol)
             if z is None or factor < SAFETY:
                 run.work.add("steps_rejected_newton" if z is None else "steps_rejected_error")
-                length, patience = abs(h) * factor, PATIENCE
+                length, patience = abs(h) * factor, STEPS_WITHOUT_GROWTH
                 continue
             method.advance(z, h)
             dense = partial(method.interpolant, run.t, run.y, z, h)
             run.accept(end, run.y + z[-1], _no_interior, dense=dense)
             run.work.library = dict(method.tally)
             patience = max(patience - 1, 0)
-            if factor > KEEP and not patience:
+            if factor > WORTH_GROWING and not patience:
                 length = max(length, abs(h) * factor)
 
     def _growth(self, z: Matrix | None, method: Collocation, sizes: Vector, rtol: float) -> float:
         """By which factor the next step may differ from this one; below SAFETY this one is refused."""
         if z is None:
             return NEWTON_SHRINK
-        error = np.max(np.abs(method.nodes.leading @ z) / sizes) * rtol ** (1 - BETTER)
-        return float(np.clip(SAFETY * max(error, 1e-99) ** (-1 / self.stages), LEAST_SHRINK, MOST_GROWTH))
+        error = np.max(np.abs(method.nodes.leading @ z) / sizes) * rtol ** (1 - END_POWER)
+        return float(np.clip(SAFETY * max(error, 1e-99) ** (-1 / self.stages), MIN_SHRINK, MAX_GROWTH))
 
 
 def _scales(run: Run) -> Vector:
@@ -109,6 +113,9 @@ class Nodes:
 
     c: Vector  #: (s,) nodes; the last is 1
     slope: Matrix  #: (s, s) values at the nodes, start taken off -> derivatives at the nodes
+    roots: NDArray[np.complex128]  #: (r,) eigenvalues of ``slope``, one of each conjugate pair
+    to_modes: NDArray[np.complex128]  #: (r, s) values at the nodes -> parts along the eigenvectors of ``roots``
+    from_modes: NDArray[np.complex128]  #: (s, r) these -> values at the nodes, which are the real part
     leading: Vector  #: (s,) values at the nodes -> last coefficient in Legendre's polynomials
 
 
@@ -124,7 +131,16 @@ def radau_nodes(stages: int) -> Nodes:
     np.fill_diagonal(slope, -slope.sum(axis=1))
     monomial = weight[1:]  # coefficient of x^s: the divided difference of all points
     legendre = 1 / special.comb(2 * stages, stages, exact=False)  # P_s on [0, 1] begins with comb(2s, s) x^s
-    return Nodes(c=c, slope=slope[1:, 1:], leading=monomial * legendre)
+    roots, vectors = linalg.eig(slope[1:, 1:])
+    kept = roots.imag >= 0
+    return Nodes(
+        c=c,
+        slope=slope[1:, 1:],
+        roots=roots[kept],
+        to_modes=linalg.inv(vectors)[kept],
+        from_modes=vectors[:, kept] * np.where(roots[kept].imag > 0, 2.0, 1.0),
+        leading=monomial * legendre,
+    )
 
 
 @dataclass
@@ -138,17 +154,18 @@ class Collocation:
     last: tuple[Matrix, float] | None = None  #: change of y at the nodes of the last step, and its length [s]
     factor: Any = None
     factor_h: float = 0.0
+    noise: float = ROUNDOFF  #: size of the increments that roundoff in the defect makes, by the factorised matrix
     tally: Counter[str] = field(default_factory=Counter)  #: Newton iterations, factorisations and solves so far
 
     def step(self, t: float, y: Vector, h: float) -> Matrix | None:
         """Change of y at the nodes, (s, size), in a step of length ``h`` from (t, y); None where Newton fails."""
         guess = self._predicted(y.size, h)
         if self.factor is not None and self.factor_h == h:
-            found = self._iterate(t, y, h, guess, SLOW)
+            found = self._iterate(t, y, h, guess, OLD_CONTRACTION, self.noise)
             if found is not None:
                 return found
         self._factorise(t, y, h, guess)
-        return self._iterate(t, y, h, guess, TOO_SLOW)
+        return self._iterate(t, y, h, guess, LEAST_CONTRACTION, max(self.noise, STAGNATION))
 
     def advance(self, z: Matrix, h: float) -> None:
         """The step with the changes ``z`` (s, size) was taken."""
@@ -165,24 +182,27 @@ class Collocation:
         z, length = self.last
         return extrapolation(self.nodes, h / length) @ z
 
-    def _iterate(self, t: float, y: Vector, h: float, z: Matrix, slow: float) -> Matrix | None:
-        """Simplified Newton iteration until the increments are roundoff; None where they shrink by less than ``slow``."""
+    def _iterate(self, t: float, y: Vector, h: float, z: Matrix, contraction: float, noise: float) -> Matrix | None:
+        """Simplified Newton iteration until increments are roundoff; None where they shrink by less than ``contraction``.
+
+        Increments below ``noise`` that no longer shrink are roundoff in the defect.
+        """
         residual, form = self.run.residual, self.run.form
         counted = ~form.multipliers  # those follow
         times, last, sizes = t + self.nodes.c * h, np.inf, self._sizes(y)
-        for iteration in range(MOST_ITERATIONS):
+        for iteration in range(MAX_ITERATIONS):
             stages = zip(times, z, self.nodes.slope @ z / h, strict=True)
-            defect = np.concatenate([residual(time, y + change, rate) for time, change, rate in stages])
+            defect = np.array([residual(time, y + change, rate) for time, change, rate in stages])
             if not np.isfinite(defect).all():
                 return None
-            increment = linalg.lu_solve(self.factor, defect, check_finite=False).reshape(z.shape)
+            increment = self._solved(defect)
             self.tally.update(newton_iterations=1, linear_solves=1)
             z = z - increment
             size = float(np.max((np.abs(increment) / sizes)[:, counted]))
             judged = iteration >= UNJUDGED
-            if size <= ROUNDOFF or (judged and size <= STAGNATION and size > TOO_SLOW * last):
+            if size <= ROUNDOFF or (judged and LEAST_CONTRACTION * last < size <= noise):
                 return z
-            if not np.isfinite(size) or (judged and size > slow * last and size > STAGNATION):
+            if not np.isfinite(size) or (judged and size > max(contraction * last, noise)):
                 return None
             last = size
         return None
@@ -191,21 +211,37 @@ class Collocation:
         """What increments are measured by, (size,): small coordinates carry the roundoff of the largest one beside them."""
         sizes, n = self.scales + np.abs(y), self.run.form.blocks["q"].stop
         for block in (slice(0, n), slice(n, 2 * n)):
-            sizes[block] = np.maximum(sizes[block], BESIDE * np.max(sizes[block]))
+            sizes[block] = np.maximum(sizes[block], SMALLEST_SIZE * np.max(sizes[block]))
         return sizes
 
     def _factorise(self, t: float, y: Vector, h: float, guess: Matrix) -> None:
-        """The matrix of the whole step, its derivatives from the middle: blocks delta_ij dF/dy + slope_ij / h dF/dy'."""
-        s, size = self.nodes.c.size, y.size
-        middle = s // 2
+        """The matrix slope_ij / h dF/dy' + delta_ij dF/dy of the whole step, its derivatives from the middle.
+
+        The eigenvectors of ``slope`` make it one block ``root / h dF/dy' + dF/dy`` for each eigenvalue: (IV.8.5) of Hairer
+        and Wanner.
+        """
+        middle = self.nodes.c.size // 2
         place = t + self.nodes.c[middle] * h, y + guess[middle], self.nodes.slope[middle] @ guess / h
         direct, other = (self.run.form.matrix(self.run.jacobian(*place, c)) for c in (0.0, 1.0))
-        matrix = np.kron(self.nodes.slope / h, other - direct)
-        for i in range(s):
-            block = slice(i * size, (i + 1) * size)
-            matrix[block, block] += direct
-        self.factor, self.factor_h = linalg.lu_factor(matrix, check_finite=False), h
+        blocks = [direct + root / h * (other - direct) for root in self.nodes.roots]
+        self.factor, self.factor_h = [linalg.lu_factor(block, check_finite=False) for block in blocks], h
         self.tally.update(factorisations=1)
+        self.noise = self._noise(np.abs(direct) @ np.abs(place[1]) + np.abs(other - direct) @ np.abs(place[2]), y)
+
+    def _noise(self, terms: Vector, y: Vector) -> float:
+        """Size of the increments that the last bits of the ``terms`` (size,) of the equations make; at most rtol.
+
+        In a stiff system they are far above the last bits of y: those of a spring's force grow with its stiffness.
+        """
+        bits = EPS * terms * np.random.default_rng(0).choice([-1.0, 1.0], (self.nodes.c.size, y.size))
+        size = np.max((np.abs(self._solved(bits)) / self._sizes(y))[:, ~self.run.form.multipliers])
+        return min(NOISE_SAFETY * float(size), float(self.run.rtol))
+
+    def _solved(self, defect: Matrix) -> Matrix:
+        """The factorised matrix divided into ``defect`` (s, size)."""
+        modes = zip(self.factor, self.nodes.to_modes @ defect, strict=True)
+        solved = [linalg.lu_solve(factor, part, check_finite=False) for factor, part in modes]
+        return np.asarray((self.nodes.from_modes @ np.array(solved)).real)
 
 
 def extrapolation(nodes: Nodes, ratio: float) -> Matrix:
@@ -221,7 +257,7 @@ def extrapolation(nodes: Nodes, ratio: float) -> Matrix:
 def solver(**options: Any) -> CollocationSolver:
     """Radau IIA; options ``form``: ggl (default), index2 or index1, ``stages``: 7, order 2 stages - 1."""
     stages = positive_integer("stages", options.pop("stages", STAGES))
-    if not 2 <= stages <= MOST_STAGES:
-        raise ProblemError(f"stages must be from 2 to {MOST_STAGES}; got {stages}.")
+    if not 2 <= stages <= MAX_STAGES:
+        raise ProblemError(f"stages must be from 2 to {MAX_STAGES}; got {stages}.")
     chosen = choose("collocation", options, KNOWN)
     return CollocationSolver(f"collocation(form={chosen['form']}, stages={stages})", chosen["form"], "radau", stages)

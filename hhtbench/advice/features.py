@@ -14,8 +14,6 @@ from hhtbench.errors import ProblemError, Stop
 from hhtbench.lowering import derive
 from hhtbench.protocol import Problem
 
-POWERS = 12  # of the power iteration: the fastest mode to some percent
-MOVED = 1e-6  # of the scales: how far a state is moved for a difference
 MOMENTS = (0.1, 0.4)  # of the interval: when forces that depend on time are looked at too, in the state of the start
 LEAST = 1e-3  # of a turn in the interval: what is slower stands still
 
@@ -63,7 +61,7 @@ class Probe:
 
 
 def probe(problem: Problem) -> Probe:
-    """Look at ``problem`` at its start, by ``POWERS`` + 3 evaluations of the acceleration.
+    """Look at ``problem`` at its start, by :data:`~hhtbench.equations.POWERS` + 3 evaluations of the acceleration.
 
     Raises
     ------
@@ -75,7 +73,7 @@ def probe(problem: Problem) -> Probe:
         at_start = equations.acceleration(t0, problem.q0, problem.v0)
         began = time.process_time()
         later = [equations.acceleration(t0 + share * (t1 - t0), problem.q0, problem.v0) for share in MOMENTS]
-        fastest, damping = _fastest_mode(equations, at_start)
+        fastest, damping = equations.fastest_mode(at_start)
         seconds = time.process_time() - began
     except Stop as stop:
         raise ProblemError(f"{problem.name} cannot be looked at: {stop}.") from stop
@@ -104,33 +102,3 @@ def _pace(problem: Problem, acceleration: Vector) -> float:
     """Of the motion at the start [1/s]: by its velocities, and by what the accelerations would move from rest."""
     scale = np.broadcast_to(np.asarray(problem.scales.q, dtype=np.float64), problem.q0.shape)
     return max(float(np.max(np.abs(problem.v0) / scale)), math.sqrt(float(np.max(np.abs(acceleration) / scale))))
-
-
-def _fastest_mode(equations: Equations, at_start: Vector) -> tuple[float, float]:
-    """Size [1/s] and damping of the largest eigenvalue of y' = (v, a)(q, v) at the start, by power iteration.
-
-    A pair of complex eigenvalues turns the vector for ever; the last three vectors tell both: x'' = s x' - p x, where s is
-    their sum and p their product.
-    """
-    problem = equations.problem
-    t, n = problem.t_span[0], equations.n
-    scale = float(np.max(np.asarray(problem.scales.q)))
-
-    def moved(x: Vector) -> Vector:
-        length = MOVED * scale / max(float(np.max(np.abs(x))), 1e-300)
-        there = equations.acceleration(t, problem.q0 + length * x[:n], problem.v0 + length * x[n:])
-        return np.concatenate([x[n:], (there - at_start) / length])
-
-    x = np.random.default_rng(0).standard_normal(2 * n)
-    before, now = x, moved(x)
-    for _ in range(POWERS - 2):
-        size = float(np.linalg.norm(now))
-        if size == 0.0 or not math.isfinite(size):
-            return 0.0, 0.0
-        before, now = now / size, moved(now / size)
-    after = moved(now)
-    (total, product), *_ = np.linalg.lstsq(np.stack([now, -before], axis=1), after, rcond=None)
-    roots = np.roots([1.0, -total, product])
-    largest = roots[np.argmax(np.abs(roots))]
-    size = float(np.abs(largest))
-    return size, float(abs(largest.real) / size) if size else 0.0

@@ -13,7 +13,8 @@ from hhtbench.reference import certified
 from hhtbench.reference.auto import SECONDS, file_of
 from hhtbench.specs import canonical, parse_spec
 
-RESTS_ON = ("collocation", "projected")  #: solvers of certificates; with a problem's files they make a certificate's name
+#: solvers of certificates; with a problem's files they make a certificate's name
+RESTS_ON = ("collocation", "projected", "cvode", "ida")
 JUDGE = ("judge", "between", "reactions", "motion", "flow", "allowed")  # of a campaign's runs, not of solves
 #: what measures a run does not change the truth
 NOT_THESE = (

@@ -8,28 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, as_completed
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hhtbench.equations import Equations
 from hhtbench.errors import ProblemError
 from hhtbench.processes import Inline, worker_processes
-from hhtbench.reference.certify import certify
+from hhtbench.protocol import Problem, declared
+from hhtbench.reference.certify import UnknownJumpError, certify
 from hhtbench.reference.files import read_certificate, write_certificate
 from hhtbench.reference.plan import Entry
 from hhtbench.registry import load_problem
 
 GRID = 40  # equal pieces of the interval at whose ends something is known
-SECONDS = 120.0  # of each solve, unless told otherwise
-EXPLICIT = "projected(method=DOP853)"
-METHODS = (  # first and second, of two families on two forms; what is refused or too slow is passed over
-    ("collocation(form=ggl)", (EXPLICIT,)),
-    ("collocation(form=index1)", (EXPLICIT,)),
-    ("collocation(form=ggl)", ("ida(form=index1)", "cvode(form=ode, method=bdf)")),
-)
+SECONDS = 120.0  # default limit of each solve
+RTOL = 1e-11  # of all but the explicit method: those of many steps gain nothing from smaller ones
+GGL, INDEX1 = "collocation(form=ggl)", "collocation(form=index1)"
+EXPLICIT, IDA, CVODE = "projected(method=DOP853)", "ida(form=index1)", "cvode(form=ode, method=bdf)"
+MAX_DECAY = 1e5  # times that the fastest mode may decay in the interval before an explicit method takes too many steps
 CHAOS = ". A shorter span may have a reference: of chaotic motion nobody knows a long one"  #: where methods arrive apart
-LOOSER = 1e-11  # tolerance of the multistep methods: they gain nothing from smaller ones
 
 
 def certified(
@@ -78,22 +78,43 @@ def certify_one(spec: str, file: Path, seconds: float = SECONDS) -> str:
     if problem.exact is not None or problem.reference is not None:
         return KNOWN
     reasons, apart = [], False
-    for first, second in METHODS:
-        explicit = second == (EXPLICIT,)
-        tight: dict[str, Any] = {"seconds": seconds} | ({} if explicit else {"second_rtol": LOOSER})
-        entry = Entry(name=file.stem, spec=spec, times=(problem.t_span[1],), grid=GRID, first=first, second=second, **tight)
+    for first, second in methods_for(problem):
+        tight = {"rtol": RTOL} | ({} if second == (EXPLICIT,) else {"second_rtol": RTOL})
+        asked: dict[str, Any] = {"times": (problem.t_span[1],), "grid": GRID, "seconds": seconds} | tight
+        entry = Entry(name=file.stem, spec=spec, first=first, second=second, **asked)
         try:
             found = certify(entry)
+        except UnknownJumpError as error:
+            return f"not certified: {error}"
         except Exception as error:  # noqa: BLE001 - a user's functions, or the solver's: the next pair may take them
             reasons.append(f"{first}: {type(error).__name__}: {error}")  # without notes: JAX adds one of its own
             continue
         if found.certified:
             write_certificate(found, file.parent)
             return ""
-        apart |= any(other.independent and other.difference for other in found.confirmations)
+        apart |= any(other.confirms for other in found.confirmations)
         ended = ", ".join(f"{other.solver} {other.status}" for other in found.confirmations if other.independent)
         reasons.append(f"{first} and {' and '.join(second)} do not agree to 1e-5 ({ended})")
     return f"not certified: {'; '.join(dict.fromkeys(reasons)).rstrip('.')}{CHAOS if apart else ''}"
+
+
+def methods_for(problem: Problem) -> list[tuple[str, tuple[str, ...]]]:
+    """First and second solvers in the order of trial, of two families on two forms; what is refused is passed over."""
+    constrained = any(declared(problem.system, name) is not None for name in ("constraint", "velocity_constraint"))
+    first = GGL if constrained else INDEX1  # without constraints there is no ggl
+    explicit = [(form, (EXPLICIT,)) for form in dict.fromkeys((first, INDEX1))]
+    implicit = (first, (CVODE, IDA) if constrained else (CVODE,))
+    order = [implicit, *explicit] if _decays(problem) else [*explicit, implicit]
+    return [*order, (EXPLICIT, (IDA,))]
+
+
+def _decays(problem: Problem) -> bool:
+    """Whether a mode decays more than ``MAX_DECAY`` times in the interval, judged at the start."""
+    with suppress(Exception):  # a user's functions: what is wrong with them the solvers say
+        equations, (t0, t1) = Equations(problem), problem.t_span
+        rate, damping = equations.fastest_mode(equations.acceleration(t0, problem.q0, problem.v0))
+        return rate * damping * abs(t1 - t0) > MAX_DECAY
+    return False
 
 
 def reference_of(file: Path) -> dict[str, Any]:
@@ -104,4 +125,6 @@ def reference_of(file: Path) -> dict[str, Any]:
     worst = max(float(stored["bars"][key].max()) for key in ("q", "v"))
     others = [other["solver"] for other in stored["confirmed_by"] if other["independent"] and other["status"] == "success"]
     source = f"{stored['first']}, confirmed by {' and '.join(others)}"
+    if jumps := stored.get("jumps"):
+        source += f", across the jumps of prescribed velocities at t = {', '.join(f'{t:.9g}' for t in jumps)}"
     return {"t": stored["t"], **values, "bars": stored["bars"], "digits": int(-np.log10(worst)), "source": source}

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.api import solve
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.errors import ProblemError
+from hhtbench.jumps import Jumps, find_jumps
 from hhtbench.protocol import Motion, Problem
+from hhtbench.reference.across import solve_across
 from hhtbench.reference.plan import Entry
 from hhtbench.registry import load_problem, load_solver
 from hhtbench.result import Counters, Solution, Status
@@ -23,7 +24,11 @@ FLOOR = 8 * float(np.finfo(np.float64).eps)  # smallest bar: the last bits of a 
 CLOSED = "closed solution"
 WORST_BAR = 1e-5  # scaled: what is less certain is not a reference
 NOTHING = 1e-9  # an observable that stays below is zero but for errors
-SAME_TIME = 1e-12  # of the interval: a stated time and a point of the grid that differ by rounding
+SAME_TIME = 1e-12  # of the interval: times that differ by rounding
+
+
+class UnknownJumpError(ProblemError):
+    """What a jump does to the motion is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +42,11 @@ class Confirmation:
     difference: dict[str, Vector]  #: quantity -> largest scaled difference at every time, (k,); empty unless it succeeded
     seconds: float
 
+    @property
+    def confirms(self) -> bool:
+        """Whether its difference bounds the error."""
+        return self.independent and bool(self.difference)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
@@ -48,6 +58,7 @@ class Certificate:
     bars: dict[str, Vector]  #: the same -> (k,) scaled error bars, growing with time
     scales: dict[str, Vector]  #: the same -> (size,)
     confirmations: tuple[Confirmation, ...]
+    jumps: tuple[float, ...] = ()  #: times at which a prescribed velocity jumps [s]; no row lies there
 
     @property
     def certified(self) -> bool:
@@ -60,7 +71,7 @@ class Certificate:
 
 
 def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Certificate:
-    """Solve with every method of the entry and compare.
+    """Solve with every method of the entry and compare, piece by piece where prescribed velocities jump.
 
     A closed solution counts as an independent method.  The bar also covers what the last bit of the start does to the stored
     values: a start is known to a double only.
@@ -69,9 +80,15 @@ def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Ce
     ------
     ProblemError
         The first solver does not reach the end, so there is nothing to store.
+    UnknownJumpError
+        What a jump does to the motion is not known.
     """
     problem = load_problem(entry.spec)
-    case = _Case(entry=entry, problem=problem, times=times_of(entry, problem), tell=tell)
+    jumps, times = find_jumps(problem), times_of(entry, problem)
+    if jumps.declined:
+        raise UnknownJumpError(f"{jumps.declined}.")
+    at_jump = np.abs(times[:, None] - jumps.times) <= SAME_TIME * abs(problem.t_span[1] - problem.t_span[0])
+    case = _Case(entry=entry, problem=problem, jumps=jumps, times=times[~at_jump.any(axis=1)], tell=tell)
     first, _ = case.solved(problem, entry.first, entry.rtol)
     if not first.success:
         raise ProblemError(f"{entry.name}: {entry.first} ended with {first.status.label}: {first.message}")
@@ -79,9 +96,17 @@ def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Ce
     scales = scales_of(problem, values)
     others = [case.confirmation(solver, values, scales) for solver in entry.second]
     others += [] if problem.exact is None else [case.closed(values, scales)]
-    moved = case.moved_start(values, scales)
-    bars = {name: _bar(name, others, moved, case.times.size) for name in values}
-    return Certificate(entry=entry, t=case.times, values=values, bars=bars, scales=scales, confirmations=(*others, moved))
+    others += [case.moved_start(values, scales)] if any(other.confirms for other in others) else []
+    bars = {name: _bar(name, others, case.times.size) for name in values}
+    return Certificate(
+        entry=entry,
+        t=case.times,
+        values=values,
+        bars=bars,
+        scales=scales,
+        confirmations=tuple(others),
+        jumps=tuple(jumps.times.tolist()),
+    )
 
 
 def times_of(entry: Entry, problem: Problem) -> Vector:
@@ -122,6 +147,7 @@ class _Case:
 
     entry: Entry
     problem: Problem
+    jumps: Jumps
     times: Vector
     tell: Callable[[str], None]
 
@@ -129,7 +155,7 @@ class _Case:
         """A solve with output at the times of the reference, and its seconds."""
         self.tell(f"{self.entry.name}: {solver}")
         started = time.perf_counter()
-        solution = solve(problem, solver, rtol=rtol, t_eval=self.times, max_seconds=self.entry.seconds)
+        solution = solve_across(problem, solver, self.jumps, self.times, rtol=rtol, seconds=self.entry.seconds)
         return solution, time.perf_counter() - started
 
     def confirmation(self, solver: str, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
@@ -192,15 +218,15 @@ def _family(solver: Any) -> str:
     return FAMILIES.get(method, method)
 
 
-def _bar(name: str, others: list[Confirmation], moved: Confirmation, count: int) -> Vector:
-    """Error bar at every time, not smaller than before it; infinite where nobody confirms.
+def _bar(name: str, others: list[Confirmation], count: int) -> Vector:
+    """Error bar at every time, not smaller than before it; infinite where nobody confirms.  The last is the moved start.
 
     The distance to the closed solution where there is one, since that is the error; else SAFETY times the closest
     independent disagreement; and what the last bit of the start does.
     """
     closed = [other for other in others if other.solver == CLOSED]
-    found = [other.difference[name] for other in closed or others if other.independent and other.difference]
-    if not found or not moved.difference:
+    found = [other.difference[name] for other in closed or others if other.confirms]
+    if not found or not others[-1].difference:
         return np.full(count, np.inf)
     closest = min(found, key=lambda difference: float(np.max(difference)))
-    return np.maximum(SAFETY * np.maximum.accumulate(np.maximum(closest, moved.difference[name])), FLOOR)
+    return np.maximum(SAFETY * np.maximum.accumulate(np.maximum(closest, others[-1].difference[name])), FLOOR)

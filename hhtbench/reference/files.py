@@ -31,6 +31,7 @@ def write_certificate(certificate: Certificate, folder: Path) -> Path:
         "bars": {name: [_rounded_up(bar) for bar in bars] for name, bars in certificate.bars.items()},
         "first": entry.first,
         "rtol": entry.rtol,
+        "jumps": list(certificate.jumps),
         "confirmed_by": [
             {
                 "solver": other.solver,

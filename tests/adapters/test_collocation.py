@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from hhtbench.errors import ProblemError
+from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import collocation
@@ -52,11 +53,11 @@ def test_closed_solutions_are_met_to_roundoff(kind, form):
 @pytest.mark.parametrize("stages", [2, 3])
 def test_the_error_falls_with_order_two_s_minus_one(form, stages, monkeypatch):
     """q and v of a mixed problem, equal steps: Hairer and Wanner, Solving ODEs II, table VII.4.1."""
-    monkeypatch.setattr(collocation, "MOST_GROWTH", 1.0)
-    monkeypatch.setattr(collocation, "KEEP", np.inf)
+    monkeypatch.setattr(collocation, "MAX_GROWTH", 1.0)
+    monkeypatch.setattr(collocation, "WORTH_GROWING", np.inf)
     found = []
     for steps in (32, 64) if stages == 2 else (20, 40):
-        monkeypatch.setattr(collocation, "FIRST", 1 / steps)
+        monkeypatch.setattr(collocation, "FIRST_STEP", 1 / steps)
         solution = collocation.solver(form=form, stages=stages).solve(problem("mixed"), Request(rtol=1e-1, atol=1.0))
         assert solution.counters.steps_accepted == steps
         found.append(max(errors(solution, KINDS["mixed"][1])[:2]))
@@ -84,6 +85,15 @@ def test_it_runs_backward_and_gives_output_exactly_where_it_is_asked():
     solution = collocation.solver().solve(back, Request(rtol=1e-12))
     assert solution.success
     assert max(errors(solution, KINDS["mixed"][1])[:2]) < 1e-11
+
+
+def test_roundoff_of_stiff_forces_makes_no_short_steps():
+    """A spring of 1e9 N/m at x = 1 + sin t: the last bit of x changes its force by 1e-7 N."""
+    force = lambda t, q, v: -1e9 * (q - 1 - np.sin(t)) - 1e3 * (v - np.cos(t)) - np.sin(t)  # noqa: E731
+    scene = Problem(name="x", system=NumpySystem(force=force), t_span=(0.0, 2.0), q0=[1.0], v0=[1.0])
+    solution = collocation.solver(form="index1").solve(scene, Request(rtol=1e-11, max_num_steps=50))
+    assert solution.success, solution.message
+    np.testing.assert_allclose(solution.v[:, 0], np.cos(solution.t), atol=1e-8)
 
 
 def test_budgets_and_bad_values_end_in_their_status():

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.advice.features import POWERS, probe
+from hhtbench.advice.features import probe
+from hhtbench.equations import POWERS
 
 
 def oscillator(k, c=0.0, t_end=2 * math.pi):

@@ -19,6 +19,7 @@ from tests.report.drawings import figures_of
 
 CHEAP, DEAR, MIDDLE = "priced(price=10)", "priced(price=1000)", "priced(price=15)"
 OWN = hb.Problem(name="own", system=hb.NumpySystem(force=lambda t, q, v: -q), t_span=(0, 1), q0=[1], v0=[0])
+CRANE = Path(__file__).parent.parent / "reference" / "mechanisms.py"
 ASKED = {"on": "evaluations", "seconds": 300.0, "jobs": 1}
 
 
@@ -65,6 +66,13 @@ def test_without_a_reference_nothing_is_judged_and_the_reason_is_told_with_what_
     assert not found.choices
     assert "collocation and projected do not agree" in found.sentence
     assert "no weight falls here" in found.sentence
+
+
+def test_a_crane_whose_trolley_follows_a_table_gets_advice_that_names_the_jumps():
+    """An answer to 6e-6 was called unreliable, and nothing was certified: at the kinks of the table velocities jump."""
+    found = hb.trade(f"{CRANE}:crane", accuracies=[1e-2], solvers=["hht"], **ASKED)
+    assert [choice.best.entry for choice in found.choices] == ["hht"], found.sentence
+    assert "across the jumps of prescribed velocities at t = 1, 2.5, 4" in str(found)
 
 
 def test_nobody_is_begun_once_the_time_is_up_and_all_are_named(prices):

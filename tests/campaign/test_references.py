@@ -94,7 +94,7 @@ def test_problems_with_a_truth_of_their_own_are_left_alone(mine: Path):
 
 def test_families_that_disagree_certify_nothing_and_it_is_said(mine: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(sys.modules["hhtbench.reference.certify"], "WORST_BAR", 1e-30)
-    monkeypatch.setattr(auto, "METHODS", auto.METHODS[:1])
+    monkeypatch.setattr(auto, "methods_for", lambda problem: [(auto.GGL, (auto.EXPLICIT,))])
     said = auto.certify_one("mine.py:swing", mine / "swing.json")
     assert said.startswith("not certified: collocation(form=ggl) and projected(method=DOP853) do not agree")
     assert said.endswith("A shorter span may have a reference: of chaotic motion nobody knows a long one")

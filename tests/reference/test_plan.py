@@ -45,7 +45,6 @@ def test_entry_holds_what_the_file_says_and_defaults_for_the_rest(plan_of):
     ("text", "said"),
     [
         ("[a]\ntimes = [1.0]", r"\[a\] of the plan must hold spec and times and may hold .*rtol"),
-        ("[a]\nspec = 'andrews'", r"\[a\] of the plan must hold spec and times"),
         ("[a]\nspec = 'andrews'\ntimes = [1]\nrtoll = 1e-3", r"\[a\] of the plan must hold spec and times and may hold"),
         ("[a]\nspec = 'andrews'\ntimes = [1]\nname = 'b'", r"\[a\] of the plan must hold"),
         ("a = 3", r"\[a\] of the plan must hold"),
