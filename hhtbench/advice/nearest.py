@@ -32,11 +32,11 @@ class Expectation:
     @property
     def unknown(self) -> str:
         """Why the known problems are too few to speak at all, or ""."""
-        if len(self.neighbours) < NEIGHBOURS:
-            return f"too few known problems: on {len(self.neighbours)} somebody reaches this error, {NEIGHBOURS} are needed"
-        if np.isinf(self.reach):
-            return "the known problems are of one family, two are needed to say how far they speak"
-        return ""
+        count = len(self.neighbours)
+        if count < NEIGHBOURS:
+            return f"too few known problems: on {count} somebody reaches this error, {NEIGHBOURS} are needed"
+        one_family = "the known problems are of one family, two are needed to say how far they speak"
+        return one_family if np.isinf(self.reach) else ""
 
     @property
     def doubt(self) -> str:
@@ -45,11 +45,8 @@ class Expectation:
             return self.unknown
         if self.distance > self.reach:
             return f"the nearest known problem is {self.distance:.2g} away, the database speaks up to {self.reach:.2g}"
-        if self.agreed < AGREED:
-            return (
-                f"of {len(self.neighbours)} neighbours only {self.agreed:.0%} have {self.order[0][0]} within twice the best"
-            )
-        return ""
+        few = f"of {len(self.neighbours)} neighbours only {self.agreed:.0%} have {self.order[0][0]} within twice the best"
+        return few if self.agreed < AGREED else ""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from hhtbench.store import RunRow, Store
 FIRST_CAP = 1.0  # [s] of one solve in the first round, and at least: on a busy machine a quick one may wait
 GROWTH = 4.0  # of the cap from round to round
 ROOM = 2.0  # times SEVERAL times the best: a solve beside other work may take longer than the same alone
-HEAT = 2  # candidates a worker between two looks at the clock: none waits for the slowest of few
+BATCH = 2  # candidates a worker between two looks at the clock: none waits for the slowest of few
 SOLVES = 4.0  # of the longest kind that a candidate may make in a round
 REFINEMENTS = 16  # most settings of one candidate
 FINALISTS = 2.0  # times the cheapest at some error: who is timed again
@@ -48,12 +48,12 @@ class Rounds:
 
     def run(self, candidates: Sequence[Candidate]) -> None:
         """Until nobody is left who could show more, nothing more is asked for, or the time is up."""
-        live, cap, size = list(candidates), FIRST_CAP, HEAT * self.pool.limits.jobs
+        live, cap, size = list(candidates), FIRST_CAP, BATCH * self.pool.limits.jobs
         while live:
             before, waiting = len(self.rows), list(live)
             while waiting and time.monotonic() < self.ends:
-                heat, waiting = waiting[:size], waiting[size:]
-                self._campaign(heat, self._cap(cap), timing=False)
+                batch, waiting = waiting[:size], waiting[size:]
+                self._campaign(batch, self._cap(cap), timing=False)
                 self._give_up(live)
             live = [one for one in live if self._could_show_more(one)]
             if waiting or len(self.rows) == before:
@@ -75,10 +75,10 @@ class Rounds:
         """Of all rows so far."""
         return Standing.of(tuple(self.rows.values()), self.wish)
 
-    def _campaign(self, heat: Sequence[Candidate], seconds: float, *, timing: bool) -> None:
+    def _campaign(self, batch: Sequence[Candidate], seconds: float, *, timing: bool) -> None:
         campaign = campaign_for(
             [self.problem],
-            heat,
+            batch,
             accuracies=self.wish.accuracies,
             refinements=REFINEMENTS,
             max_seconds=seconds,

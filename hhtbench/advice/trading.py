@@ -6,7 +6,7 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from hhtbench.advice.page import write_page
 from hhtbench.advice.rounds import UNTRIED, Rounds
 from hhtbench.advice.truth import truth_of
 from hhtbench.advice.verdict import Choice, as_run, choices_of, failure, sentence
-from hhtbench.advice.wish import Wish, listed
+from hhtbench.advice.wish import Wish
 from hhtbench.analysis.fronts import Front
 from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.asked import refuse_misspelt
@@ -80,39 +80,24 @@ class Trade:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {
-            "problem": self.problem,
-            "accuracies": list(self.wish.accuracies),
-            "on": self.wish.on,
-            "drift": self.wish.drift,
-            "sentence": self.sentence,
-            "reference": self.reference,
-            "unknown": self.unknown,
-            "choices": [choice.as_dict() for choice in self.choices],
-            "left_out": self.left_out,
-            "seconds": self.seconds,
-        }
+        names = ("problem", "sentence", "reference", "unknown", "left_out", "seconds")
+        choices = [choice.as_dict() for choice in self.choices]
+        return {**{name: getattr(self, name) for name in names}, **asdict(self.wish), "choices": choices}
 
     def __str__(self) -> str:
         return f"{self._table()}\n\n{self.sentence}"
 
     def _table(self) -> str:
         """Costs by candidate and error; who was given up, with the reason."""
-        entries = list(dict.fromkeys(cost.entry for front in self.fronts for cost in front.costs))
-        costs = {(front.target, cost.entry): cost.value for front in self.fronts for cost in front.costs}
-        body = [
-            [
-                entry,
-                *(
-                    work(costs[front.target, entry], self.wish.on) if (front.target, entry) in costs else ""
-                    for front in self.fronts
-                ),
-                self.left_out.get(entry, ""),
-            ]
-            for entry in entries
-        ]
-        body += [[entry, *[""] * len(self.fronts), why] for entry, why in self._said().items() if entry not in entries]
-        heads = ["", *(f"{front.target:g}" for front in self.fronts), "given up"]
+        costs: dict[str, dict[float, str]] = {}
+        for front in self.fronts:
+            for cost in front.costs:
+                costs.setdefault(cost.entry, {})[front.target] = work(cost.value, self.wish.on)
+        why = {entry: self.left_out.get(entry, "") for entry in costs}
+        why |= {entry: text for entry, text in self._said().items() if entry not in costs}
+        targets = [front.target for front in self.fronts]
+        body = [[entry, *(costs.get(entry, {}).get(x, "") for x in targets), text] for entry, text in why.items()]
+        heads = ["", *(f"{target:g}" for target in targets), "given up"]
         title = f"{self.problem}: {self.wish.on} to an error; errors against {self.reference}; {self.seconds:.0f} s\n\n"
         return title + tabulate(body, headers=heads, disable_numparse=True, maxcolwidths=[None] * (len(heads) - 1) + [60])
 
@@ -144,7 +129,7 @@ def trade(
     drift
         Most scaled drift of position and velocity constraints of the runs that count; None: any.
     on
-        What shall be little: "time" or "evaluations".
+        What to minimise: "time" or "evaluations".
     solvers
         Specs instead of the usual candidates; every one with tolerances, or with constant steps where it takes none.
     store
@@ -166,7 +151,7 @@ def trade(
     NotFoundError, ProblemError, TypeError
         Wrong use, before anything runs.
     """
-    wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
+    wish = Wish(accuracies=accuracies, on=on, drift=drift)
     found = named([problem], store=store)
     with holding(found.held):
         return _traded(found, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell, progress=progress)
