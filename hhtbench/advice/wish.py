@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from hhtbench.analysis.fronts import MEASURES
@@ -15,7 +15,7 @@ from hhtbench.errors import ProblemError
 class Wish:
     """Checked when it is made: a value out of its range or no number is a ``ProblemError`` or ``TypeError``."""
 
-    accuracies: tuple[float, ...]  #: scaled errors of q and v, the loosest first
+    accuracies: Sequence[float]  #: scaled errors of q and v, the loosest first
     on: str = "time"  #: what to minimise: "time" (of a processor) or "evaluations"
     drift: float | None = None  #: largest scaled drift of the position and velocity level; None: any
 
