@@ -11,11 +11,10 @@ import solvers.hht.verify
 from hhtbench.registry import list_problems, load_problem
 from hhtbench.specs import parse_spec
 from problems import _common
-from tests.problems import published_chains, published_first, published_small, published_spatial, published_testset
+from tests.problems import published_chains, published_tables
 from tests.problems.published import ABOUT, NO_PROBLEM, STORED, State, closed
 
-PARTS = (published_first, published_testset, published_small, published_spatial, published_chains)
-PUBLISHED = {key: entry for part in PARTS for key, entry in part.PUBLISHED.items()}
+PUBLISHED = published_tables.PUBLISHED | published_chains.PUBLISHED
 QUANTITIES = ("q", "v", "lam", "mu")
 EPS = float(np.finfo(np.float64).eps)
 
@@ -130,7 +129,7 @@ CLOSED = {  # entry -> relative error of the closed solution in doubles; the fir
     **dict.fromkeys(("jay_negrut_test1", "jay_negrut_pendulum", "knife_edge", "rolling_disk3d_steady"), 1e-13),
     **dict.fromkeys(("clamped_bar_impact_N10", "clamped_bar_impact_N100"), 3e-12),
     **dict.fromkeys(("hf_linear_constrained_K1e4", "hf_linear_constrained_K1e8"), 3e-12),
-    **dict.fromkeys((key for key in published_small.PUBLISHED if key != "kapitza_pendulum"), 1e-14),
+    **dict.fromkeys((key for key in published_tables.SMALL if key != "kapitza_pendulum"), 1e-14),
     **dict.fromkeys(("iftomm_A02_fourbar_N1", "iftomm_A02_fourbar_N2"), 1e-14),
 }
 
