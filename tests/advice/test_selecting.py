@@ -70,6 +70,7 @@ def test_a_solver_of_a_database_is_named_as_solve_takes_it_and_beside_it_what_it
     write_database(read_database().of_entries("hht(alpha=-0.05), constant step".__eq__), file, "")
     found = hb.select("simple_pendulum", on="evaluations", database=file)
     assert (found.taken, found.taken_by, found.second, found.second_by) == ("hht(alpha=-0.05)", "steps", None, None)
+    assert "no other is known." in found.text
     assert hb.solve("simple_pendulum", found.taken, t_span=(0.0, 0.1), **{found.taken_by: 20}).success
 
 
@@ -106,14 +107,6 @@ def test_a_file_that_is_no_whole_database_of_this_hhtbench_is_refused(damage, tm
     file.write_text(json.dumps(damage(json.loads(file.read_text()))))
     with pytest.raises(hb.ProblemError, match=r"database\.json is (no database|damaged)"):
         hb.select("simple_pendulum", database=file)
-
-
-def test_a_database_of_one_solver_names_no_second(tmp_path: Path):
-    file = tmp_path / "one.json"
-    write_database(read_database().of_entries("projected(method=DOP853)".__eq__), file, "")
-    found = hb.select("simple_pendulum", on="evaluations", database=file)
-    assert (found.taken, found.second) == ("projected(method=DOP853)", None)
-    assert "no other is known." in found.text
 
 
 def test_a_store_that_a_trade_is_to_make_need_not_be_there(prices, monkeypatch, tmp_path: Path):
