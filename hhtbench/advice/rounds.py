@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hhtbench.advice.candidates import Candidate, campaign_for
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.standing import SEVERAL, Standing
-from hhtbench.advice.wish import Wish
 from hhtbench.analysis.cells import entry_of
 from hhtbench.campaign import run_campaign
 from hhtbench.campaign.campaign import Progress
@@ -36,7 +36,7 @@ class Rounds:
     """Runs candidates on one problem; ``rows`` and ``left_out`` grow."""
 
     problem: str
-    wish: Wish
+    criteria: Criteria
     store: Store
     pool: WorkerPool
     references: Mapping[str, Path]
@@ -73,17 +73,17 @@ class Rounds:
 
     def standing(self) -> Standing:
         """Of all rows so far."""
-        return Standing.of(tuple(self.rows.values()), self.wish)
+        return Standing.of(tuple(self.rows.values()), self.criteria)
 
     def _campaign(self, batch: Sequence[Candidate], seconds: float, *, timing: bool) -> None:
         campaign = campaign_for(
             [self.problem],
             batch,
-            accuracies=self.wish.accuracies,
+            accuracies=self.criteria.accuracies,
             refinements=REFINEMENTS,
             max_seconds=seconds,
             pair_seconds=SOLVES * seconds,
-            repeats=REPEATS if self.wish.on == "time" else 1,
+            repeats=REPEATS if self.criteria.on == "time" else 1,
             counting=False,
         )
         done = run_campaign(
@@ -99,7 +99,7 @@ class Rounds:
 
     def _cap(self, cap: float) -> float:
         """Of one solve [s]: nobody is given much more than what would make it several times too dear, nor the time left."""
-        best = self.standing().best() if self.wish.on == "time" else None
+        best = self.standing().best() if self.criteria.on == "time" else None
         if best is not None:
             cap = max(FIRST_CAP, min(cap, ROOM * SEVERAL * best))
         return min(cap, max(FIRST_CAP, self.ends - time.monotonic()))

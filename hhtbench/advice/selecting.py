@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, HELD, Database, foreign, read_database, versions_of
 from hhtbench.advice.features import probe
 from hhtbench.advice.nearest import Expectation, Space, error_of, expected, key_of
 from hhtbench.advice.standing import Standing
 from hhtbench.advice.trading import trade
 from hhtbench.advice.verdict import as_run, ranking, sentence
-from hhtbench.advice.wish import Wish
 from hhtbench.analysis import UNKNOWN, newest
 from hhtbench.analysis.cells import asked_of, kind_of, spec_of
 from hhtbench.analysis.fronts import Front
@@ -92,25 +92,25 @@ def select(
     NotFoundError, ProblemError, TypeError
         Wrong use.
     """
-    wish = Wish(accuracies=(accuracy,), on=on, drift=drift)
+    criteria = Criteria(accuracies=(accuracy,), on=on, drift=drift)
     if real_number("seconds", seconds) < 0.0:
         raise ProblemError(f"seconds must not be negative; got {seconds:g}.")
     if not isinstance(problem, str) and (store is not None or seconds > 0.0):
         raise TypeError("rows and runs belong to a spec, as text; give one, or leave store and seconds out.")
     loaded, known, found = load_problem(problem), None, None
     if store is not None and (seconds == 0.0 or Path(store).exists()):
-        known = known_from(canonical(str(problem)), Path(store), wish)
-        found = _from_rows(known, wish)
+        known = known_from(canonical(str(problem)), Path(store), criteria)
+        found = _from_rows(known, criteria)
     if found is None and seconds > 0.0:
-        found = _measured(str(problem), wish, seconds, store)
-    found = found or _from_features(loaded, wish, read_database(None if database is None else Path(database)), known)
+        found = _measured(str(problem), criteria, seconds, store)
+    found = found or _from_features(loaded, criteria, read_database(None if database is None else Path(database)), known)
     note = "" if found.taken is None or loaded.note_on_scales in found.text else f" {loaded.note_on_scales}"
     return replace(found, text=f"{found.text}{note}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """What the rows of one problem say of one wish."""
+    """What the rows of one problem say of one set of criteria."""
 
     problem: str  #: canonical spec
     fronts: tuple[Front, ...]  #: one an accuracy, the loosest first; none without rows
@@ -120,25 +120,25 @@ class Known:
     text: str  #: the evidence, for a reader
 
 
-def known_from(problem: str, store: Path, wish: Wish) -> Known:
+def known_from(problem: str, store: Path, criteria: Criteria) -> Known:
     """Rows of ``store`` that today's files and libraries would make again."""
     rows = [row for row in load_rows(store) if row.problem == problem]
     stale = {row.key for row in outdated(rows)}
     kept = [row for row in rows if row.key not in stale]
-    found = known_of(problem, kept, wish, f"{len(kept)} runs in {store.name}")
+    found = known_of(problem, kept, criteria, f"{len(kept)} runs in {store.name}")
     left_out = f"; {len(stale)} of other sources or libraries left out" if stale else ""
     return replace(found, text=f"{found.text}{left_out}")
 
 
-def known_of(problem: str, rows: Sequence[RunRow], wish: Wish, text: str) -> Known:
+def known_of(problem: str, rows: Sequence[RunRow], criteria: Criteria, text: str) -> Known:
     """Times are left aside where they were taken elsewhere; ``text`` says what the rows are."""
-    refusal = _foreign(rows) if wish.on == "time" else ""
-    wish = replace(wish, on="evaluations") if refusal else wish
-    fronts = as_run(Standing.of(newest(rows).rows, wish).fronts)
+    refusal = _foreign(rows) if criteria.on == "time" else ""
+    criteria = replace(criteria, on="evaluations") if refusal else criteria
+    fronts = as_run(Standing.of(newest(rows).rows, criteria).fronts)
     failed = {entry: why.text for front in fronts for entry, why in front.missing.items() if why.kind not in UNKNOWN}
     if fronts and not any(front.costs for front in fronts):
         text += " do not get there" + "".join(f"; {entry}: {why}" for entry, why in failed.items())
-    return Known(problem=problem, fronts=fronts, on=wish.on, refusal=refusal, failed=failed, text=text)
+    return Known(problem=problem, fronts=fronts, on=criteria.on, refusal=refusal, failed=failed, text=text)
 
 
 def _foreign(rows: Sequence[RunRow]) -> str:
@@ -155,7 +155,7 @@ def _advice(problem: str, solvers: Sequence[tuple[str, str]], **fields: str) -> 
     return Advice(problem=problem, taken=taken, taken_by=taken_by, second=second, second_by=second_by, **fields)
 
 
-def _from_rows(known: Known, wish: Wish) -> Advice | None:
+def _from_rows(known: Known, criteria: Criteria) -> Advice | None:
     """By runs of the problem itself; None where they do not reach the error."""
     ranked = ranking(known.fronts)
     if not ranked:
@@ -165,19 +165,19 @@ def _from_rows(known: Known, wish: Wish) -> Advice | None:
         known.problem,
         [(spec_of(runs[entry]), kind_of(runs[entry])) for entry, _ in ranked],
         on=known.on,
-        text=sentence(known.fronts, wish),
+        text=sentence(known.fronts, criteria),
         evidence=known.text,
-        domain=f"this problem, error {wish.accuracies[0]:g}",
+        domain=f"this problem, error {criteria.accuracies[0]:g}",
         reason=f"{_refused(known.refusal)}the least {known.on} of {len(ranked)} that get there",
     )
 
 
-def _measured(spec: str, wish: Wish, seconds: float, store: str | Path | None) -> Advice:
+def _measured(spec: str, criteria: Criteria, seconds: float, store: str | Path | None) -> Advice:
     """By a trade."""
-    found = trade(spec, accuracies=wish.accuracies, seconds=seconds, drift=wish.drift, on=wish.on, store=store)
+    found = trade(spec, accuracies=criteria.accuracies, seconds=seconds, drift=criteria.drift, on=criteria.on, store=store)
     evidence = f"{len(found.rows)} runs made now, {found.seconds:.0f} s"
-    made = _from_rows(known_of(found.problem, found.rows, wish, evidence), wish)
-    none = _advice(found.problem, [], on=wish.on, text="", evidence=evidence, domain="", reason="")
+    made = _from_rows(known_of(found.problem, found.rows, criteria, evidence), criteria)
+    none = _advice(found.problem, [], on=criteria.on, text="", evidence=evidence, domain="", reason="")
     return replace(made or none, text=found.sentence)
 
 
@@ -185,13 +185,13 @@ def _refused(why: str) -> str:
     return f"times are refused: {why}; by evaluations; " if why else ""
 
 
-def _from_features(problem: Problem, wish: Wish, database: Database, known: Known | None) -> Advice:
+def _from_features(problem: Problem, criteria: Criteria, database: Database, known: Known | None) -> Advice:
     """By the problems most like it, among the solvers that have not failed on this one."""
     failed = {} if known is None else known.failed
     database = database.of_entries(lambda entry: entry not in failed)
-    refusal = database.refusal() if wish.on == "time" else ""
-    wish = replace(wish, on="evaluations") if refusal else wish
-    doubt, features, found = _outside(problem, wish), "", None
+    refusal = database.refusal() if criteria.on == "time" else ""
+    criteria = replace(criteria, on="evaluations") if refusal else criteria
+    doubt, features, found = _outside(problem, criteria), "", None
     if not database.entries:
         doubt = "all solvers of the database have failed on this problem"
     if not doubt:
@@ -200,7 +200,7 @@ def _from_features(problem: Problem, wish: Wish, database: Database, known: Know
         except Exception as error:  # noqa: BLE001 - a user's functions
             doubt = str(error) if isinstance(error, ProblemError) else f"{type(error).__name__}: {error}"
         else:
-            found, features = expected(database, Space.of(database), looked, wish), str(looked)
+            found, features = expected(database, Space.of(database), looked, criteria), str(looked)
             doubt = found.doubt
     sure = None if doubt else found
     nearest = f", nearest: {', '.join(found.neighbours[:3])}" if found else ""
@@ -211,41 +211,41 @@ def _from_features(problem: Problem, wish: Wish, database: Database, known: Know
     return _advice(
         problem.name,
         [asked_of(entry) for entry, _ in sure.order] if sure else [],
-        on=wish.on,
-        text=_text(sure, wish) if sure else f"Cannot tell: {doubt.rstrip('.')}; `hhtbench trade` measures it.",
+        on=criteria.on,
+        text=_text(sure, criteria) if sure else f"Cannot tell: {doubt.rstrip('.')}; `hhtbench trade` measures it.",
         evidence=evidence if known is None else f"{known.text}; {evidence}",
         domain=domain,
         reason=f"{_refused(refusal)}{features}".removesuffix("; "),
     )
 
 
-def _outside(problem: Problem, wish: Wish) -> str:
-    """Why the database says nothing of such a wish, or ""."""
-    accuracy = wish.accuracies[0]
+def _outside(problem: Problem, criteria: Criteria) -> str:
+    """Why the database says nothing of such criteria, or ""."""
+    accuracy = criteria.accuracies[0]
     if not min(ACCURACIES) <= accuracy <= max(ACCURACIES):
         return f"the database knows errors from {ERRORS}; asked was {accuracy:g}"
-    if wish.drift is not None and wish.drift < TIGHTEST:
-        return f"the database knows drifts of at most {TIGHTEST:g}; asked was {wish.drift:g}"
-    if wish.on == "time" and isinstance(problem.system, NumpySystem):
+    if criteria.drift is not None and criteria.drift < TIGHTEST:
+        return f"the database knows drifts of at most {TIGHTEST:g}; asked was {criteria.drift:g}"
+    if criteria.on == "time" and isinstance(problem.system, NumpySystem):
         return "the system's functions are called in Python, and the database's times are of machine code"
     return ""
 
 
-def _text(found: Expectation, wish: Wish) -> str:
+def _text(found: Expectation, criteria: Criteria) -> str:
     (first, own), *others = found.order
     text = (
         f"Take {first}: on the {len(found.neighbours)} most similar known problems and, with equal weight, on all it costs "
-        f"{own:.2g} times the least {wish.on} in the mean at {_compared(wish)}; "
+        f"{own:.2g} times the least {criteria.on} in the mean at {_compared(criteria)}; "
     )
     return text + (f"the second choice, {others[0][0]}, {others[0][1]:.2g} times." if others else "no other is known.")
 
 
-def _compared(wish: Wish) -> str:
+def _compared(criteria: Criteria) -> str:
     """The error and the drift of the database's runs, with what was asked where that is another."""
-    accuracy, (_, bound) = wish.accuracies[0], key_of(wish)
+    accuracy, (_, bound) = criteria.accuracies[0], key_of(criteria)
     error = error_of(accuracy)
     text = f"an error of {error:g}" + (f" (asked: {accuracy:g})" if error != accuracy else "")
-    if wish.drift is None:
+    if criteria.drift is None:
         return text
     held = "any drift" if bound is None else f"a drift of at most {bound:g}"
-    return f"{text} and {held}" + (f" (asked: {wish.drift:g})" if bound != wish.drift else "")
+    return f"{text} and {held}" + (f" (asked: {criteria.drift:g})" if bound != criteria.drift else "")

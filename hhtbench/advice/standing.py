@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhtbench import analysis
-from hhtbench.advice.wish import Wish
+from hhtbench.advice.criteria import Criteria
 from hhtbench.analysis import UNKNOWN
 from hhtbench.analysis.fronts import Front
 from hhtbench.store import RunRow
@@ -23,9 +23,9 @@ class Standing:
     fronts: tuple[Front, ...]  #: one an accuracy, the loosest first
 
     @classmethod
-    def of(cls, rows: Sequence[RunRow], wish: Wish) -> Standing:
+    def of(cls, rows: Sequence[RunRow], criteria: Criteria) -> Standing:
         """From the rows of one problem."""
-        return cls(analysis.fronts(rows, wish.on, wish.accuracies, wish.drift) if rows else ())
+        return cls(analysis.fronts(rows, criteria.on, criteria.accuracies, criteria.drift) if rows else ())
 
     def hopeless(self, entry: str) -> str:
         """Why ``entry`` cannot win at any of the errors, or ""."""

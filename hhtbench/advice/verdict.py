@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hhtbench.advice.wish import Wish
+from hhtbench.advice.criteria import Criteria
 from hhtbench.analysis.cells import spec_of
 from hhtbench.analysis.decision import places
 from hhtbench.analysis.fronts import Cost, Front
@@ -68,7 +68,7 @@ def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
     return tuple((place.entry, place.mean / ranked[0].mean) for place in ranked)
 
 
-def sentence(fronts: Sequence[Front], wish: Wish) -> str:
+def sentence(fronts: Sequence[Front], criteria: Criteria) -> str:
     """The one sentence; "" where nobody reaches anything."""
     reached, ranked = [front for front in fronts if front.costs], ranking(fronts)
     if not ranked:
@@ -85,7 +85,7 @@ def sentence(fronts: Sequence[Front], wish: Wish) -> str:
             dearer.setdefault(front.costs[0].entry, []).append(f"{front.target:g}")
     parts += [f"at {' and '.join(targets)} {entry} is cheaper" for entry, targets in dearer.items()]
     if missed := [f"{front.target:g}" for front in fronts if not front.costs]:
-        held = "" if wish.drift is None else f" within a drift of {wish.drift:g}"
+        held = "" if criteria.drift is None else f" within a drift of {criteria.drift:g}"
         parts.append(f"{', '.join(missed)} was reached by nobody{held}")
     return "; ".join(parts) + "."
 

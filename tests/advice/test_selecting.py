@@ -13,20 +13,20 @@ from click.testing import CliRunner
 import hhtbench as hb
 from hhtbench.advice import trading
 from hhtbench.advice.candidates import Candidate
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, read_database, reduced, write_database
 from hhtbench.advice.features import Probe
 from hhtbench.advice.nearest import Space, expected
-from hhtbench.advice.wish import Wish
 from hhtbench.cli import main
 from tests.advice.synthetic import database, features
 from tests.advice.test_trading import CHEAP, MIDDLE
 from tests.analysis.laws import law
 
-WISH = Wish(accuracies=(1e-4,))
+CRITERIA = Criteria(accuracies=(1e-4,))
 
 
-def told(known, looked, wish=WISH):
-    return expected(known, Space.of(known), looked, wish)
+def told(known, looked, criteria=CRITERIA):
+    return expected(known, Space.of(known), looked, criteria)
 
 
 def test_the_winner_of_the_most_similar_scenes_is_expected_to_win():

@@ -12,7 +12,7 @@ from hhtbench.errors import ProblemError
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wish:
+class Criteria:
     """Checked when it is made: a value out of its range or no number is a ``ProblemError`` or ``TypeError``."""
 
     accuracies: Sequence[float]  #: scaled errors of q and v, the loosest first
