@@ -9,18 +9,19 @@ from contextvars import ContextVar
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhtbench import plugins
 from hhtbench.errors import ProblemError
-from hhtbench.evidence import Evidence
-from hhtbench.filespec import load_attribute
 from hhtbench.packages import own_folder
 from hhtbench.protocol import Problem, Solver
 from hhtbench.specs import Spec, parse_spec
 
+if TYPE_CHECKING:
+    from hhtbench.evidence import Evidence
+
 Counted = Callable[[str, int, int], None]  #: what is counted, how many are done, how many there are
-Verification = Callable[[Counted | None, int], Evidence]  # (progress, jobs); rows do not depend on jobs
+Verification = Callable[[Counted | None, int], "Evidence"]  # (progress, jobs); rows do not depend on jobs
 
 _HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # by name, in this process
 
@@ -138,7 +139,11 @@ def load_verification(name: str) -> Verification:
 
 def _target(kind: str, spec: Spec) -> Any:
     """The registered object or the attribute of a file that a spec names."""
-    return plugins.load(kind, spec.name) if spec.path is None else load_attribute(spec.path, spec.name)
+    if spec.path is None:
+        return plugins.load(kind, spec.name)
+    from hhtbench.filespec import load_attribute  # it knows worker processes, which registered names do not need
+
+    return load_attribute(spec.path, spec.name)
 
 
 def _make(target: Any, spec: Spec, further: Mapping[str, Any]) -> Any:

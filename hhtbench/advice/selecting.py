@@ -14,9 +14,10 @@ from hhtbench.advice.nearest import Expectation, Space, error_of, expected, key_
 from hhtbench.advice.standing import Standing
 from hhtbench.advice.trading import trade
 from hhtbench.advice.verdict import as_run, ranking, sentence
-from hhtbench.analysis import UNKNOWN, newest
+from hhtbench.analysis import newest
 from hhtbench.analysis.cells import asked_of, kind_of, spec_of
 from hhtbench.analysis.fronts import Front
+from hhtbench.analysis.missing import UNKNOWN
 from hhtbench.arguments import real_number
 from hhtbench.campaign.machine import clock_of
 from hhtbench.campaign.plan import outdated

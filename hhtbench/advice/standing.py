@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from hhtbench import analysis
 from hhtbench.advice.criteria import Criteria
-from hhtbench.analysis import UNKNOWN
 from hhtbench.analysis.fronts import Front
+from hhtbench.analysis.missing import UNKNOWN
 from hhtbench.store import RunRow
 
 SEVERAL = 4.0  # times the cheapest: from there on a candidate is dropped; a single time beside other work is good to twice
