@@ -88,7 +88,8 @@ def solve(
             return _nothing(loaded, Status.deadline, f"{spent} before the first step; {Status.deadline.text}")
     if not note or found.status is Status.declined:
         return found
-    return found.but(message=f"{found.message.rstrip('.')}. {note}")
+    said = str(found.message or "").rstrip(".")  # a plugin's may be None
+    return found.but(message=f"{said}. {note}" if said else note)
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:

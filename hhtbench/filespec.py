@@ -17,6 +17,7 @@ from typing import Any
 
 from hhtbench.errors import NotFoundError, ProblemError
 from hhtbench.processes import WORKER
+from hhtbench.protocol import Problem
 
 _EXECUTED: ContextVar[str] = ContextVar("executed", default="")  # the file that is being executed now
 
@@ -109,8 +110,12 @@ def _neighbours(file: Path) -> str:
 
 
 def _offer(module: ModuleType, name: str) -> str:
-    own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
     close = get_close_matches(name, list(vars(module)), n=1)
     if close:
         return f"did you mean {close[0]}?"
-    return f"it defines {', '.join(own)}." if own else "it defines nothing."
+    own = [
+        key
+        for key, value in vars(module).items()
+        if isinstance(value, Problem) or getattr(value, "__module__", None) == module.__name__
+    ]
+    return f"it defines {', '.join(own) or 'nothing'}."

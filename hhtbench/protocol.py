@@ -96,7 +96,7 @@ WITH_VELOCITY = {  # of a reaction that depends on v too, as friction in a joint
     "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
 }
 NEAR = 0.8  # of difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
-OTHER_WORDS = {"mass": "mass_matrix"}  # what is meant where difflib does not see it
+OTHER_WORDS = dict.fromkeys(("mass", "masses", "M"), "mass_matrix")  # what is meant where difflib does not see it
 DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
 TAGS = (  # kinds of problems, for choosing among them
     "holonomic",
@@ -205,12 +205,14 @@ class NumpySystem:
     Python and refer to what changes.
     """
 
-    def __init__(self, *, force: Callable[..., Any], **declared: Any) -> None:
+    def __init__(self, *, force: Callable[..., Any] | None = None, **declared: Any) -> None:
         unknown = sorted(set(declared) - set(DECLARABLE))
         if unknown:
             meant = sorted({near for name in unknown if (near := near_name(name))})
             hint = f" Did you mean {' and '.join(meant)}?" if meant else ""
             raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(DECLARABLE)}.{hint}")
+        if force is None:
+            raise TypeError("NumpySystem needs force, a function (t, q, v) -> (n,).")
         patterns = checked_patterns(declared.get("sparsity"))
         if patterns:
             declared["sparsity"] = {name: full_pattern(x) for name, x in patterns.items()}

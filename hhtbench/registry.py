@@ -25,6 +25,9 @@ Verification = Callable[[Counted | None, int], "Evidence"]  # (progress, jobs); 
 
 _HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # by name, in this process
 
+_made: dict[str, tuple[Any, Problem]] = {}  # by spec: what made a problem, and the problem
+MAX_MADE = 16  # problems that are kept: each holds its arrays and what was derived from it
+
 THUMBNAILS = "thumbnails"  # folder with drawings, beside the problems
 
 
@@ -45,6 +48,8 @@ def list_verifications() -> list[str]:
 
 def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
     """The problem of a spec: ``planar_chain(n_links=100)``, ``my_file.py:problem(k=1)``; a Problem as it is.
+
+    A spec gives the same Problem again while its file is unchanged, so that what was derived from it serves again.
 
     Parameters
     ----------
@@ -68,9 +73,16 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
     if is_held(spec):
         return _HELD.get()[spec]
     found = parse_spec(spec)
-    made = _make("problem", found, parameters)
+    target, name = _target("problem", found), str(found)
+    if not parameters and name in _made and _made[name][0] is target:
+        return _made[name][1]
+    made = _make(target, found, parameters)
     if not isinstance(made, Problem):
         raise ProblemError(f"{found.target} must be a hhtbench.Problem or return one; got {_kind_of(made)}.")
+    if not parameters:
+        _made[name] = target, made
+        if len(_made) > MAX_MADE:
+            _made.pop(next(iter(_made)), None)
     return made
 
 
@@ -106,7 +118,7 @@ def load_solver(spec: str | Solver, **options: Any) -> Solver:
         _refuse_arguments("the solver", options)
         return spec
     found = parse_spec(spec)
-    made = _make("solver", found, options)
+    made = _make(_target("solver", found), found, options)
     if not _is_solver(made):
         raise ProblemError(
             f"{found.target} must be a solver with accepts() and solve(), or return one; got {_kind_of(made)}."
@@ -125,13 +137,21 @@ def load_verification(name: str) -> Verification:
     return verify
 
 
-def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
-    """What the spec's target is, or returns when called with the arguments."""
+def _target(kind: str, spec: Spec) -> Any:
+    """The registered object or the attribute of a file that a spec names."""
+    if spec.path is None:
+        return plugins.load(kind, spec.name)
+    from hhtbench.filespec import load_attribute  # it knows worker processes, which registered names do not need
+
+    return load_attribute(spec.path, spec.name)
+
+
+def _make(target: Any, spec: Spec, further: Mapping[str, Any]) -> Any:
+    """``target``, or what it returns when called with the arguments."""
     twice = sorted(set(spec.arguments) & set(further))
     if twice:
         raise ProblemError(f"{', '.join(twice)} is given in the spec {spec} and again as a keyword; give it once.")
     arguments = {**spec.arguments, **further}
-    target = plugins.load(kind, spec.name) if spec.path is None else _from_file(spec.path, spec.name)
     if isinstance(target, Problem) or _is_solver(target):
         _refuse_arguments(spec.target, arguments)
         return target
@@ -142,12 +162,6 @@ def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
     except TypeError:
         _check_arguments(spec.target, target, arguments)
         raise
-
-
-def _from_file(path: str, name: str) -> Any:
-    from hhtbench.filespec import load_attribute  # it knows worker processes, which registered names do not need
-
-    return load_attribute(path, name)
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[str, Any]) -> None:

@@ -27,62 +27,49 @@ class Status(enum.Enum):
     ``code`` is SUNDIALS' integer where it has the same outcome, else None; ``text`` says what to do.
     """
 
-    success = ("success", 0, "The end of the interval was reached.")
-    event = ("event", 2, "A terminal event stopped the integration; continue from the returned state.")
-    max_steps = ("max_steps", -1, "The step budget is used up; raise max_num_steps or loosen the request.")
+    success = (0, "The end of the interval was reached.")
+    event = (2, "A terminal event stopped the integration; continue from the returned state.")
+    max_steps = (-1, "The step budget is used up; raise max_num_steps or loosen the request.")
     step_too_small = (
-        "step_too_small",
         -3,
         "Only steps too short to arrive are accepted; loosen the tolerances or look for a jump in the forces.",
     )
     newton_failed = (
-        "newton_failed",
         -4,
         "Newton's iteration did not converge; take a smaller step, look for a jump, check derivatives by `hhtbench check`.",
     )
     singular_iteration_matrix = (
-        "singular_iteration_matrix",
         -6,
         "The matrix of the step is singular; see the message for the rank and `hhtbench check` for the rows.",
     )
-    redundant_constraints = (
-        "redundant_constraints",
-        None,
-        "Rows of the constraint Jacobian are dependent; remove the rows named in the message.",
-    )
-    nonfinite_callback = (
-        "nonfinite_callback",
-        -8,
-        "A function of the system returned NaN or infinity; the message names it.",
-    )
+    redundant_constraints = (None, "Rows of the constraint Jacobian are dependent; remove the rows named in the message.")
+    nonfinite_callback = (-8, "A function of the system returned NaN or infinity; the message names it.")
     inconsistent_initial = (
-        "inconsistent_initial",
         None,
         "The start violates the constraints; the message names the rows. Correct q0, v0 or pass calc_initcond=True.",
     )
     time_resolution = (
-        "time_resolution",
         None,
         "The step is below the spacing of floating-point times; shift the time origin or take longer steps.",
     )
-    evaluation_budget = ("evaluation_budget", None, "The budget of evaluations is used up; raise max_evaluations.")
-    deadline = ("deadline", None, "The time budget is used up; raise max_seconds.")
-    accuracy_not_shown = (
-        "accuracy_not_shown",
-        None,
-        "Runs do not show that the error is as small as asked; the message says what is known.",
-    )
-    interrupted = ("interrupted", None, "The solve was interrupted from outside.")
-    declined = ("declined", -22, "The solver cannot take this problem or request; the message says why.")
-    unreliable = ("unreliable", None, "The library reported success but its result failed the check.")
-    user_exception = ("user_exception", None, "A function of the system raised an exception.")
-    crashed = ("crashed", None, "The worker process died.")
-    out_of_memory = ("out_of_memory", None, "The worker process ran out of memory.")
+    evaluation_budget = (None, "The budget of evaluations is used up; raise max_evaluations.")
+    deadline = (None, "The time budget is used up; raise max_seconds.")
+    accuracy_not_shown = (None, "Runs do not show that the error is as small as asked; the message says what is known.")
+    interrupted = (None, "The solve was interrupted from outside.")
+    declined = (-22, "The solver cannot take this problem or request; the message says why.")
+    unreliable = (None, "The library reported success but its result failed the check.")
+    user_exception = (None, "A function of the system raised an exception.")
+    crashed = (None, "The worker process died.")
+    out_of_memory = (None, "The worker process ran out of memory.")
 
-    def __init__(self, label: str, code: int | None, text: str) -> None:
-        self.label = label
+    def __init__(self, code: int | None, text: str) -> None:
         self.code = code
         self.text = text
+
+    @property
+    def label(self) -> str:
+        """Its name, as tables and files have it."""
+        return self.name
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,15 +1,38 @@
-"""What the pendulum problems share: the free swing by Jacobi elliptic functions and the drawing."""
+"""What the pendulum problems share: mass and weight, the free swing by Jacobi elliptic functions, the drawing."""
 
 from __future__ import annotations
 
 import math
 
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from scipy.special import ellipj, ellipkm1
 
 from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import circle_lines, pin_lines
-from hhtbench.protocol import Motion
+from hhtbench.protocol import Motion, System, parameter
+
+
+class Bob(System):
+    """``q = (x, y)``; a mass point under its weight, whose constraint the problem adds."""
+
+    m: Array = parameter(1.0, doc="mass [kg]")
+    L: Array = parameter(1.0, doc="length of the rod [m]")
+    g: Array = parameter(9.81, doc="gravity [m/s^2]")
+
+    @property
+    def mass_matrix(self) -> Array:
+        """Scalar [kg]."""
+        return self.m
+
+    def force(self, t: Array, q: Array, v: Array) -> Array:
+        """Weight, (2,) [N]."""
+        return jnp.stack([jnp.zeros_like(self.m), -self.m * self.g])
+
+    def energy(self, t: Array, q: Array, v: Array) -> Array:
+        """Kinetic energy and height [J]."""
+        return self.m * (v @ v) / 2 + self.m * self.g * q[1]
 
 
 def quarter(amplitude: float) -> float:
@@ -45,3 +68,15 @@ def swinging_point(m: float, L: float, g: float, amplitude: float, period: float
 def pendulum_lines(pivot: Vector, bob: Vector, size: float) -> Vector:
     """Rod, the bob's outline and a support above the pivot, (22, 2, 2) [m]; ``size`` of the support and the bob [m]."""
     return np.concatenate([[[pivot, bob]], circle_lines(bob, size / 2, 12), pin_lines(pivot, size, 1.0)])
+
+
+def sketch(q: Vector) -> dict[str, Vector]:
+    """Pivot and bob as ``points`` (2, 2), rod, support and bob as ``lines`` (22, 2, 2) [m]."""
+    bob = np.asarray(q, dtype=float)
+    lines = pendulum_lines(np.zeros(2), bob, 0.08 * float(np.linalg.norm(bob)))
+    return {"points": np.array([np.zeros(2), bob]), "lines": lines}
+
+
+def angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """Angle from hanging [rad]."""
+    return math.atan2(q[0], -q[1])

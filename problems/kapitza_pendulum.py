@@ -27,38 +27,23 @@ from jax import Array
 
 from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import box_lines, circle_lines
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol import Problem, Scales, parameter
 from problems._common import checked, load_reference
+from problems._pendulum import Bob
 
 SOURCE = "Kapitza 1951; Landau and Lifshitz, Mechanics, section 30"
 
 
-class KapitzaPendulum(System):
+class KapitzaPendulum(Bob):
     """``q = (x, y)``; scalar mass, one moving position constraint."""
 
-    m: Array = parameter(1.0, doc="mass [kg]")
-    L: Array = parameter(1.0, doc="length of the rod [m]")
-    g: Array = parameter(9.81, doc="gravity [m/s^2]")
     A: Array = parameter(0.05, doc="amplitude of the pivot [m]")
     w: Array = parameter(80.0, doc="circular frequency of the pivot [rad/s]")
-
-    @property
-    def mass_matrix(self) -> Array:
-        """Scalar [kg]."""
-        return self.m
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (2,) [N]."""
-        return jnp.stack([jnp.zeros_like(self.m), -self.m * self.g])
 
     def constraint(self, t: Array, q: Array) -> Array:
         """Length of the rod, (1,) [m^2]."""
         height = q[1] - self.A * jnp.cos(self.w * t)
         return jnp.stack([(q[0] ** 2 + height**2 - self.L**2) / 2])
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
-        return self.m * (v @ v) / 2 + self.m * self.g * q[1]
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
         """Of the force that shakes the pivot [W]: ``lam g_t``."""

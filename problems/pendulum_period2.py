@@ -21,11 +21,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol import Motion, Problem, Scales, parameter
 from problems._common import checked, load_reference
 from problems._minimal import hanging_point
-from problems._pendulum import pendulum_lines, quarter, swinging_point
+from problems._pendulum import Bob, angle, quarter, sketch, swinging_point
 
 SOURCE = "Landau and Lifshitz, Mechanics, section 11, with gravity such that the period is 2 s"
 PERIOD = 2.0  #: [s]
@@ -33,47 +32,20 @@ AMPLITUDE = math.pi / 2  #: level with the pivot, on the right [rad]
 GRAVITY = (4 * quarter(AMPLITUDE) / PERIOD) ** 2  #: for a rod of 1 m [m/s^2]
 
 
-class TwoSecondPendulum(System):
+class TwoSecondPendulum(Bob):
     """``q = (x, y)``; scalar mass, one position constraint."""
 
-    m: Array = parameter(1.0, doc="mass [kg]")
-    L: Array = parameter(1.0, doc="length of the rod [m]")
     g: Array = parameter(GRAVITY, doc="gravity, in proportion to L [m/s^2]")
-
-    @property
-    def mass_matrix(self) -> Array:
-        """Scalar [kg]."""
-        return self.m
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (2,) [N]."""
-        return jnp.stack([jnp.zeros_like(self.m), -self.m * self.g])
 
     def constraint(self, t: Array, q: Array) -> Array:
         """Length of the rod, (1,) [m^2]."""
         return jnp.stack([(q @ q - self.L**2) / 2])
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]: 0 at the start."""
-        return self.m * (v @ v) / 2 + self.m * self.g * q[1]
 
 
 def exact(m: float, L: float, t: float) -> Motion:
     """Closed solution at ``t`` [s]; it keeps its digits over any number of periods."""
     motion, pull = swinging_point(m, L, GRAVITY * L, AMPLITUDE, PERIOD, t)
     return motion._replace(lam=np.array([pull / L]))
-
-
-def sketch(q: Vector) -> dict[str, Vector]:
-    """Pivot and bob as ``points`` (2, 2), rod, support and bob as ``lines`` (22, 2, 2) [m]."""
-    bob = np.asarray(q, dtype=float)
-    lines = pendulum_lines(np.zeros(2), bob, 0.08 * float(np.linalg.norm(bob)))
-    return {"points": np.array([np.zeros(2), bob]), "lines": lines}
-
-
-def angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """From the downward vertical [rad]."""
-    return float(np.arctan2(q[0], -q[1]))
 
 
 def problem(*, m: float = 1.0, L: float = 1.0, t_end: float = 30.0) -> Problem:

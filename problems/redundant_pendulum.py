@@ -23,39 +23,23 @@ import numpy as np
 from jax import Array
 
 from hhtbench.arguments import Vector
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol import Motion, Problem, Scales, parameter
 from problems._common import checked, load_reference
 from problems._minimal import hanging_point
-from problems._pendulum import pendulum_lines, quarter, swinging_point
+from problems._pendulum import Bob, pendulum_lines, quarter, swinging_point
 
 SOURCE = "Landau and Lifshitz, Mechanics, section 11, with the constraint repeated; closed solution by insertion"
 
 
-class RedundantPendulum(System):
+class RedundantPendulum(Bob):
     """``q = (x, y)``; scalar mass, two position constraints that say the same."""
 
-    m: Array = parameter(1.0, doc="mass [kg]")
-    L: Array = parameter(1.0, doc="length of the rods [m]")
-    g: Array = parameter(9.81, doc="gravity [m/s^2]")
     factor: Array = parameter(2.0, doc="second constraint over the first")
-
-    @property
-    def mass_matrix(self) -> Array:
-        """Scalar [kg]."""
-        return self.m
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (2,) [N]."""
-        return jnp.stack([jnp.zeros_like(self.m), -self.m * self.g])
 
     def constraint(self, t: Array, q: Array) -> Array:
         """Length of both rods, (2,) [m^2]."""
         length = (q @ q - self.L**2) / 2
         return jnp.stack([length, self.factor * length])
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
-        return self.m * (v @ v) / 2 + self.m * self.g * q[1]
 
 
 def exact(m: float, L: float, g: float, factor: float, amplitude: float, t: float) -> Motion:

@@ -24,56 +24,26 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol import Motion, Problem, Scales
 from problems._common import checked, load_reference
 from problems._minimal import hanging_point
-from problems._pendulum import pendulum_lines, quarter, swinging_point
+from problems._pendulum import Bob, angle, quarter, sketch, swinging_point
 
 SOURCE = "IFToMM Library of Computational Benchmark Problems, A01; Landau and Lifshitz, Mechanics, section 11"
 
 
-class SimplePendulum(System):
+class SimplePendulum(Bob):
     """``q = (x, y)``; scalar mass, one position constraint."""
-
-    m: Array = parameter(1.0, doc="mass [kg]")
-    L: Array = parameter(1.0, doc="length of the rod [m]")
-    g: Array = parameter(9.81, doc="gravity [m/s^2]")
-
-    @property
-    def mass_matrix(self) -> Array:
-        """Scalar [kg]."""
-        return self.m
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (2,) [N]."""
-        return jnp.stack([jnp.zeros_like(self.m), -self.m * self.g])
 
     def constraint(self, t: Array, q: Array) -> Array:
         """Length of the rod, (1,) [m^2]."""
         return jnp.stack([q @ q - self.L**2])
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
-        return self.m * (v @ v) / 2 + self.m * self.g * q[1]
 
 
 def exact(m: float, L: float, g: float, amplitude: float, t: float) -> Motion:
     """Closed solution at ``t`` [s]."""
     motion, pull = swinging_point(m, L, g, amplitude, 4 * quarter(amplitude) * math.sqrt(L / g), t)
     return motion._replace(lam=np.array([pull / (2 * L)]))
-
-
-def angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """Angle from hanging [rad]."""
-    return math.atan2(q[0], -q[1])
-
-
-def sketch(q: Vector) -> dict[str, Vector]:
-    """Pivot and bob as ``points`` (2, 2), rod, support and bob as ``lines`` (22, 2, 2) [m]."""
-    bob = np.asarray(q, dtype=float)
-    lines = pendulum_lines(np.zeros(2), bob, 0.08 * float(np.linalg.norm(bob)))
-    return {"points": np.array([np.zeros(2), bob]), "lines": lines}
 
 
 def problem(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import runpy
 from pathlib import Path
@@ -78,34 +79,12 @@ def test_redundant_rows_are_left_out_and_multipliers_are_those_of_least_norm(rk4
     np.testing.assert_allclose(found.lam, true.lam, rtol=1e-5)
 
 
-def test_a_solver_runs_backwards(rk4):
-    problem = hb.load_problem("jay_negrut_pendulum")
-    there = hb.solve(problem, rk4, steps=1000)
-    back = hb.Problem(name="back", system=problem.system, t_span=problem.t_span[::-1], q0=there.q[-1], v0=there.v[-1])
-    middle = (problem.t_span[0] + problem.t_span[1]) / 2
-    found = hb.solve(back, rk4, steps=1000, t_eval=[middle, problem.t_span[0]])
-    np.testing.assert_allclose(found.q[1], problem.q0, atol=1e-4)
-    np.testing.assert_allclose(found.q[0], there(middle).q, atol=1e-4)
-
-
-def test_budgets_end_a_solve_with_the_rows_that_were_reached(rk4):
-    found = hb.solve("simple_pendulum", rk4, steps=100, max_evaluations=42)
-    assert found.status is hb.Status.evaluation_budget
-    assert found.counters.residual_evaluations == 42
-    assert found.t.size == 11  # the start and ten steps of four
-    hb.solve("andrews", rk4, steps=2)  # traced and compiled
-    found = hb.solve("andrews", rk4, steps=10**6, max_seconds=0.5)
-    assert found.status is hb.Status.deadline
-    assert 1 < found.t.size < 10**6
-
-
-def test_a_value_that_is_not_finite_ends_a_solve_with_its_time(rk4):
-    system = hb.NumpySystem(force=lambda t, q, v: np.array([np.nan if t > 0.5 else -1.0]))
-    found = hb.solve(hb.Problem(name="p", system=system, t_span=(0.0, 1.0), q0=[0.0], v0=[0.0]), rk4, steps=10)
-    assert found.status is hb.Status.nonfinite_callback
-    assert "force[0] = nan at t = 0.55" in found.message
-    np.testing.assert_allclose(found.q[-1], -(found.t[-1] ** 2) / 2)
-    assert found.t[-1] == 0.5
+def test_the_solver_of_the_page_is_that_which_is_held_to_all_checks():
+    """As an installed distribution: budgets, values that are not finite, motions back in time and all else."""
+    (held,) = Path(__file__).parent.glob("*/acme_rk4/acme_rk4.py")
+    page = re.search(r"class RK4:.*?(?=\n\n\n)", (DOCS / "write_a_solver.md").read_text(encoding="utf-8"), re.DOTALL)
+    shown, checked = (ast.parse(re.sub(r"\b(acme_)?rk4\b", "rk4", text)) for text in (page[0], held.read_text()))
+    assert ast.dump(shown.body[0]) == ast.dump(checked.body[-1])
 
 
 def test_rows_that_do_not_fit_are_refused():

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -26,11 +27,12 @@ from hhtbench.campaign.machine import clock_of, machine_facts
 from hhtbench.errors import ProblemError
 from hhtbench.store import RunRow
 
-SCHEMA = "hhtbench.advice/1"
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 HELD = (None, 1e-10)  #: bounds of the drift: none, and what projection and HHT keep
 VERSIONS = ("hhtbench", "numpy", "scipy", "jax", "scikit-sundae")  #: of which the rows say what they were made with
 PARTS = 100.0  # of a decade, to which a cost is rounded: 2 %
+KIND = {"schema": "hhtbench.advice/1", "accuracies": list(ACCURACIES), "features": list(NAMES)}  # of a file
+KEYS = {(on, bound): on if bound is None else f"{on}, drift {bound:g}" for on, bound in product(MEASURES, HELD)}
 
 
 @dataclass(frozen=True)
@@ -67,12 +69,9 @@ class Database:
     @cached_property
     def ratios(self) -> Mapping[tuple[str, float | None], NDArray[np.float64]]:
         """(measure, bound) -> costs over the cheapest, (scenes, entries, accuracies); NaN where nobody reaches the error."""
-        found = {}
+        costs = {key: np.array([scene.costs[key] for scene in self.scenes]) for key in self.scenes[0].costs}
         with np.errstate(invalid="ignore"):
-            for key in self.scenes[0].costs:
-                costs = np.array([scene.costs[key] for scene in self.scenes])
-                found[key] = costs / costs.min(axis=1, keepdims=True)
-        return found
+            return {key: table / table.min(axis=1, keepdims=True) for key, table in costs.items()}
 
     def refusal(self) -> str:
         """Why its times say nothing here, or "": another machine, or other versions."""
@@ -89,8 +88,7 @@ class Database:
 
     def without(self, keep: Callable[[Scene], bool]) -> Database:
         """The part whose scenes ``keep`` keeps."""
-        scenes = tuple(scene for scene in self.scenes if keep(scene))
-        return Database(self.entries, scenes, self.clock, self.versions, self.budget)
+        return replace(self, scenes=tuple(scene for scene in self.scenes if keep(scene)))
 
 
 def foreign(clock: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
@@ -112,50 +110,35 @@ def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
     known = [row for row in analysis.newest(rows).rows if row.problem in probes]
     if not known:
         raise ProblemError("the store holds no row of a problem that can be looked at.")
-    entries = analysis.entries(known)
+    entries, runs = analysis.entries(known), analysis.points(known)
     tables: dict[str, dict[tuple[str, float | None], Matrix]] = {}
-    for measure in MEASURES:
-        for bound in HELD:
-            for front in analysis.fronts(known, measure, ACCURACIES, bound):
-                table = tables.setdefault(front.problem, {}).setdefault(
-                    (measure, bound), np.full((len(entries), len(ACCURACIES)), np.inf)
-                )
-                for cost in front.costs:
-                    table[entries.index(cost.entry), ACCURACIES.index(front.target)] = cost.value
-    calls = dict.fromkeys(tables, 1.0)
-    for run in analysis.points(known):
-        calls[run.problem] = max(calls.get(run.problem, 1.0), run.call or 1.0)
-    scenes = tuple(
-        Scene(spec, probes[spec].features, costs, calls[spec] * probes[spec].evaluations, probes[spec].seconds)
-        for spec, costs in tables.items()
-        if np.any(np.isfinite(costs["evaluations", None]))
-    )
+    for measure, bound in KEYS:
+        for front in analysis.fronts(known, measure, ACCURACIES, bound):
+            new = np.full((len(entries), len(ACCURACIES)), np.inf)
+            table = tables.setdefault(front.problem, {}).setdefault((measure, bound), new)
+            for cost in front.costs:
+                table[entries.index(cost.entry), ACCURACIES.index(front.target)] = cost.value
+    scenes = []
+    for spec, costs in tables.items():
+        if np.any(np.isfinite(costs["evaluations", None])):
+            call = max([1.0, *(run.call or 1.0 for run in runs if run.problem == spec)])
+            scenes.append(Scene(spec, probes[spec].features, costs, call * probes[spec].evaluations, probes[spec].seconds))
     environment = known[0].environment
-    budgets = [point.rules.pair_seconds for point in analysis.points(known) if point.rules is not None]
     return Database(
         entries=tuple(entries),
-        scenes=scenes,
+        scenes=tuple(scenes),
         clock=clock_of(environment),
         versions=versions_of(environment),
-        budget=max(budgets, default=math.inf),
+        budget=max((run.rules.pair_seconds for run in runs if run.rules is not None), default=math.inf),
     )
 
 
 def write_database(database: Database, file: Path, command: str) -> None:
     """As JSON, a scene a line; costs as hundredths of their logarithm to base ten, null where an error was not reached."""
-    head = {
-        "schema": SCHEMA,
-        "command": command,
-        "entries": database.entries,
-        "accuracies": ACCURACIES,
-        "features": NAMES,
-        "clock": database.clock,
-        "versions": database.versions,
-        "budget": database.budget,
-    }
+    fields = {name: getattr(database, name) for name in ("entries", "clock", "versions", "budget")}
     lines = [json.dumps(_plain(scene), separators=(",", ":")) for scene in database.scenes]
-    text = json.dumps(head, indent=1)[:-2] + ',\n "scenes": [\n' + ",\n".join(lines) + "\n ]\n}\n"
-    file.write_text(text, encoding="utf-8")
+    head = json.dumps({**KIND, "command": command, **fields}, indent=1)[:-2]
+    file.write_text(head + ',\n "scenes": [\n' + ",\n".join(lines) + "\n ]\n}\n", encoding="utf-8")
 
 
 def read_database(file: Path | None = None) -> Database:
@@ -171,61 +154,42 @@ def read_database(file: Path | None = None) -> Database:
         stored = json.loads(source.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise ProblemError(f"the database {source.name} cannot be read: {error}.") from error
-    if not isinstance(stored, dict) or not _of_this_hhtbench(stored):
+    if not isinstance(stored, dict) or any(stored.get(name) != value for name, value in KIND.items()):
         raise ProblemError(
-            f"{source.name} is no database of this hhtbench ({SCHEMA}); `hhtbench study selection` makes one."
+            f"{source.name} is no database of this hhtbench ({KIND['schema']}); `hhtbench study selection` makes one."
         )
     try:
-        return _database(stored)
+        found = Database(
+            entries=tuple(stored["entries"]),
+            scenes=tuple(_scene(line, len(stored["entries"])) for line in stored["scenes"]),
+            clock=dict(stored["clock"]),
+            versions=dict(stored["versions"]),
+            budget=float(stored["budget"]),
+        )
+        if not found.entries or not found.scenes:
+            raise ValueError("it holds no solvers or no scenes")
     except (KeyError, TypeError, ValueError) as error:
         raise ProblemError(f"the database {source.name} is damaged: {type(error).__name__}: {error}.") from error
-
-
-def _of_this_hhtbench(stored: Mapping[str, Any]) -> bool:
-    """Made with its schema, features and errors."""
-    here = {"schema": SCHEMA, "features": list(NAMES), "accuracies": list(ACCURACIES)}
-    return all(stored.get(name) == value for name, value in here.items())
-
-
-def _database(stored: Mapping[str, Any]) -> Database:
-    found = Database(
-        entries=tuple(stored["entries"]),
-        scenes=tuple(_scene(line, len(stored["entries"])) for line in stored["scenes"]),
-        clock=dict(stored["clock"]),
-        versions=dict(stored["versions"]),
-        budget=float(stored["budget"]),
-    )
-    if not found.entries or not found.scenes:
-        raise ValueError("it holds no solvers or no scenes")
     return found
 
 
 def _plain(scene: Scene) -> dict[str, Any]:
+    def coded(cost: float) -> int | None:
+        return round(PARTS * math.log10(cost)) if math.isfinite(cost) else None
+
     return {
         "spec": scene.spec,
         "features": [round(float(value), 3) for value in scene.features.vector],
         "probe": [round(scene.probe_evaluations), float(f"{scene.probe_seconds:.2g}")],
-        **{_name(*key): [_coded(table_row) for table_row in table] for key, table in scene.costs.items()},
+        **{KEYS[key]: [[coded(cost) for cost in row] for row in table] for key, table in scene.costs.items()},
     }
 
 
 def _scene(line: Mapping[str, Any], entries: int) -> Scene:
-    evaluations, seconds = line["probe"]
-    costs = {(measure, bound): _decoded(line[_name(measure, bound)]) for measure in MEASURES for bound in HELD}
-    shapes = {table.shape for table in costs.values()}
-    if shapes != {(entries, len(ACCURACIES))}:
+    def costs(rows: Sequence[Sequence[int | None]]) -> Matrix:
+        return np.array([[np.inf if cell is None else 10.0 ** (cell / PARTS) for cell in row] for row in rows])
+
+    tables = {key: costs(line[name]) for key, name in KEYS.items()}
+    if shapes := {table.shape for table in tables.values()} - {(entries, len(ACCURACIES))}:
         raise ValueError(f"{line['spec']} has costs of shape {shapes}, not of {entries} solvers by {len(ACCURACIES)} errors")
-    features = Features(**dict(zip(NAMES, line["features"], strict=True)))
-    return Scene(line["spec"], features, costs, evaluations, seconds)
-
-
-def _name(measure: str, bound: float | None) -> str:
-    return measure if bound is None else f"{measure}, drift {bound:g}"
-
-
-def _coded(costs: Iterable[float]) -> list[int | None]:
-    return [round(PARTS * math.log10(cost)) if math.isfinite(cost) else None for cost in costs]
-
-
-def _decoded(rows: Sequence[Sequence[int | None]]) -> Matrix:
-    return np.array([[np.inf if cell is None else 10.0 ** (cell / PARTS) for cell in row] for row in rows])
+    return Scene(line["spec"], Features(**dict(zip(NAMES, line["features"], strict=True))), tables, *line["probe"])

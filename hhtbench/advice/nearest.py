@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, HELD, Database
 from hhtbench.advice.features import Features
-from hhtbench.advice.wish import Wish
 from hhtbench.arguments import Matrix, Vector
 
 NEIGHBOURS = 10
@@ -32,11 +32,11 @@ class Expectation:
     @property
     def unknown(self) -> str:
         """Why the known problems are too few to speak at all, or ""."""
-        if len(self.neighbours) < NEIGHBOURS:
-            return f"too few known problems: on {len(self.neighbours)} somebody reaches this error, {NEIGHBOURS} are needed"
-        if np.isinf(self.reach):
-            return "the known problems are of one family, two are needed to say how far they speak"
-        return ""
+        count = len(self.neighbours)
+        if count < NEIGHBOURS:
+            return f"too few known problems: on {count} somebody reaches this error, {NEIGHBOURS} are needed"
+        one_family = "the known problems are of one family, two are needed to say how far they speak"
+        return one_family if np.isinf(self.reach) else ""
 
     @property
     def doubt(self) -> str:
@@ -45,11 +45,8 @@ class Expectation:
             return self.unknown
         if self.distance > self.reach:
             return f"the nearest known problem is {self.distance:.2g} away, the database speaks up to {self.reach:.2g}"
-        if self.agreed < AGREED:
-            return (
-                f"of {len(self.neighbours)} neighbours only {self.agreed:.0%} have {self.order[0][0]} within twice the best"
-            )
-        return ""
+        few = f"of {len(self.neighbours)} neighbours only {self.agreed:.0%} have {self.order[0][0]} within twice the best"
+        return few if self.agreed < AGREED else ""
 
 
 @dataclass(frozen=True)
@@ -79,14 +76,14 @@ class Space:
         return np.linalg.norm(self.points - (features.vector - self.centre) / self.spread, axis=1)
 
 
-def expected(database: Database, space: Space, features: Features, wish: Wish) -> Expectation:
+def expected(database: Database, space: Space, features: Features, criteria: Criteria) -> Expectation:
     """By the ``NEIGHBOURS`` nearest scenes on which anybody reached the errors, and the mean over all such scenes.
 
     ``space`` is that of ``database``.
     """
-    columns = [_column(accuracy) for accuracy in wish.accuracies]
+    columns = [_column(accuracy) for accuracy in criteria.accuracies]
     distances = space.distances(features)
-    costly = database.ratios[key_of(wish)][:, :, columns]
+    costly = database.ratios[key_of(criteria)][:, :, columns]
     reached = np.isfinite(costly.min(axis=1)).all(axis=1)  # infinite over infinite is NaN, and so is its minimum
     known = [int(i) for i in np.argsort(distances, kind="stable") if reached[i]]
     if not known:
@@ -104,14 +101,14 @@ def expected(database: Database, space: Space, features: Features, wish: Wish) -
     )
 
 
-def key_of(wish: Wish) -> tuple[str, float | None]:
+def key_of(criteria: Criteria) -> tuple[str, float | None]:
     """Of a database's tables; of the drift it knows one bound, which a looser one contains.
 
     To first order a scaled drift is at most the weighted mean of the scaled errors in its row: of a bound that is no
     tighter than the error asked for nothing need be known.
     """
-    free = wish.drift is None or wish.drift >= wish.accuracies[0]
-    return wish.on, None if free else HELD[1]
+    free = criteria.drift is None or criteria.drift >= criteria.accuracies[0]
+    return criteria.on, None if free else HELD[1]
 
 
 def error_of(accuracy: float) -> float:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hhtbench.advice.candidates import Candidate, campaign_for
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.standing import SEVERAL, Standing
-from hhtbench.advice.wish import Wish
 from hhtbench.analysis.cells import entry_of
 from hhtbench.campaign import run_campaign
 from hhtbench.campaign.campaign import Progress
@@ -23,7 +23,7 @@ from hhtbench.store import RunRow, Store
 FIRST_CAP = 1.0  # [s] of one solve in the first round, and at least: on a busy machine a quick one may wait
 GROWTH = 4.0  # of the cap from round to round
 ROOM = 2.0  # times SEVERAL times the best: a solve beside other work may take longer than the same alone
-HEAT = 2  # candidates a worker between two looks at the clock: none waits for the slowest of few
+BATCH = 2  # candidates a worker between two looks at the clock: none waits for the slowest of few
 SOLVES = 4.0  # of the longest kind that a candidate may make in a round
 REFINEMENTS = 16  # most settings of one candidate
 FINALISTS = 2.0  # times the cheapest at some error: who is timed again
@@ -36,7 +36,7 @@ class Rounds:
     """Runs candidates on one problem; ``rows`` and ``left_out`` grow."""
 
     problem: str
-    wish: Wish
+    criteria: Criteria
     store: Store
     pool: WorkerPool
     references: Mapping[str, Path]
@@ -48,12 +48,12 @@ class Rounds:
 
     def run(self, candidates: Sequence[Candidate]) -> None:
         """Until nobody is left who could show more, nothing more is asked for, or the time is up."""
-        live, cap, size = list(candidates), FIRST_CAP, HEAT * self.pool.limits.jobs
+        live, cap, size = list(candidates), FIRST_CAP, BATCH * self.pool.limits.jobs
         while live:
             before, waiting = len(self.rows), list(live)
             while waiting and time.monotonic() < self.ends:
-                heat, waiting = waiting[:size], waiting[size:]
-                self._campaign(heat, self._cap(cap), timing=False)
+                batch, waiting = waiting[:size], waiting[size:]
+                self._campaign(batch, self._cap(cap), timing=False)
                 self._give_up(live)
             live = [one for one in live if self._could_show_more(one)]
             if waiting or len(self.rows) == before:
@@ -73,17 +73,17 @@ class Rounds:
 
     def standing(self) -> Standing:
         """Of all rows so far."""
-        return Standing.of(tuple(self.rows.values()), self.wish)
+        return Standing.of(tuple(self.rows.values()), self.criteria)
 
-    def _campaign(self, heat: Sequence[Candidate], seconds: float, *, timing: bool) -> None:
+    def _campaign(self, batch: Sequence[Candidate], seconds: float, *, timing: bool) -> None:
         campaign = campaign_for(
             [self.problem],
-            heat,
-            accuracies=self.wish.accuracies,
+            batch,
+            accuracies=self.criteria.accuracies,
             refinements=REFINEMENTS,
             max_seconds=seconds,
             pair_seconds=SOLVES * seconds,
-            repeats=REPEATS if self.wish.on == "time" else 1,
+            repeats=REPEATS if self.criteria.on == "time" else 1,
             counting=False,
         )
         done = run_campaign(
@@ -99,7 +99,7 @@ class Rounds:
 
     def _cap(self, cap: float) -> float:
         """Of one solve [s]: nobody is given much more than what would make it several times too dear, nor the time left."""
-        best = self.standing().best() if self.wish.on == "time" else None
+        best = self.standing().best() if self.criteria.on == "time" else None
         if best is not None:
             cap = max(FIRST_CAP, min(cap, ROOM * SEVERAL * best))
         return min(cap, max(FIRST_CAP, self.ends - time.monotonic()))

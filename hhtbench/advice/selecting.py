@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from hhtbench.advice.database import ACCURACIES, HELD, Database, read_database
+from hhtbench.advice.criteria import Criteria
+from hhtbench.advice.database import ACCURACIES, HELD, Database, foreign, read_database, versions_of
 from hhtbench.advice.features import probe
-from hhtbench.advice.known import Known
 from hhtbench.advice.nearest import Expectation, Space, error_of, expected, key_of
+from hhtbench.advice.standing import Standing
 from hhtbench.advice.trading import trade
-from hhtbench.advice.verdict import ranking, sentence
-from hhtbench.advice.wish import Wish
-from hhtbench.analysis.cells import Point, asked_of, kind_of, spec_of
+from hhtbench.advice.verdict import as_run, ranking, sentence
+from hhtbench.analysis import newest
+from hhtbench.analysis.cells import asked_of, kind_of, spec_of
+from hhtbench.analysis.fronts import Front
+from hhtbench.analysis.missing import UNKNOWN
 from hhtbench.arguments import real_number
+from hhtbench.campaign.machine import clock_of
+from hhtbench.campaign.plan import outdated
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import NumpySystem, Problem
 from hhtbench.registry import load_problem
 from hhtbench.specs import canonical
+from hhtbench.store import RunRow, load_rows
 
 TIGHTEST = HELD[1]  # bound of the drift that a database knows
-OTHERWISE = "`hhtbench trade` measures it"
-REFUSED = "times are refused: {why}; by evaluations"
+ERRORS = f"{max(ACCURACIES):g} to {min(ACCURACIES):g}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,9 +77,9 @@ def select(
     accuracy
         Error of q and v, scaled by the problem's scales.
     drift
-        Most scaled drift of position and velocity constraints; None: any.
+        Largest scaled drift of position and velocity constraints; None: any.
     on
-        What shall be little: "time" or "evaluations".  Times of another machine, or of other versions, are refused;
+        What to minimise: "time" or "evaluations".  Times of another machine, or of other versions, are refused;
         evaluations take their place then, and the text says so.
     seconds
         What measuring may take [s]; 0: nothing is run.
@@ -88,80 +93,106 @@ def select(
     NotFoundError, ProblemError, TypeError
         Wrong use.
     """
-    wish = Wish(accuracies=(accuracy,), on=on, drift=drift)
+    criteria = Criteria(accuracies=(accuracy,), on=on, drift=drift)
     if real_number("seconds", seconds) < 0.0:
         raise ProblemError(f"seconds must not be negative; got {seconds:g}.")
     if not isinstance(problem, str) and (store is not None or seconds > 0.0):
         raise TypeError("rows and runs belong to a spec, as text; give one, or leave store and seconds out.")
-    loaded, known = load_problem(problem), _known(problem, wish, store, absent=seconds > 0.0)
-    found = None if known is None else _from_rows(known, wish)
-    if found is None and isinstance(problem, str) and seconds > 0.0:
-        found = _measured(problem, wish, seconds, store)
-    found = found or _from_features(loaded, wish, read_database(None if database is None else Path(database)), known)
+    loaded, known, found = load_problem(problem), None, None
+    if store is not None and (seconds == 0.0 or Path(store).exists()):
+        known = known_from(canonical(str(problem)), Path(store), criteria)
+        found = _from_rows(known, criteria)
+    if found is None and seconds > 0.0:
+        found = _measured(str(problem), criteria, seconds, store)
+    found = found or _from_features(loaded, criteria, read_database(None if database is None else Path(database)), known)
     note = "" if found.taken is None or loaded.note_on_scales in found.text else f" {loaded.note_on_scales}"
     return replace(found, text=f"{found.text}{note}")
 
 
-def _known(problem: str | Problem, wish: Wish, store: str | Path | None, *, absent: bool) -> Known | None:
-    """What the rows of ``store`` tell; ``absent``: it may still have to be made."""
-    if store is None or not isinstance(problem, str) or (absent and not Path(store).exists()):
-        return None
-    return Known.of(canonical(problem), Path(store), wish)
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What the rows of one problem say of one set of criteria."""
+
+    problem: str  #: canonical spec
+    fronts: tuple[Front, ...]  #: one an accuracy, the loosest first; none without rows
+    on: str  #: what the fronts compare
+    refusal: str  #: why it is not time, where time was asked for, or ""
+    failed: Mapping[str, str]  #: entry -> why it does not get there
+    text: str  #: the evidence, for a reader
 
 
-def _from_rows(known: Known, wish: Wish) -> Advice | None:
+def known_from(problem: str, store: Path, criteria: Criteria) -> Known:
+    """Rows of ``store`` that today's files and libraries would make again."""
+    rows = [row for row in load_rows(store) if row.problem == problem]
+    stale = {row.key for row in outdated(rows)}
+    kept = [row for row in rows if row.key not in stale]
+    found = known_of(problem, kept, criteria, f"{len(kept)} runs in {store.name}")
+    left_out = f"; {len(stale)} of other sources or libraries left out" if stale else ""
+    return replace(found, text=f"{found.text}{left_out}")
+
+
+def known_of(problem: str, rows: Sequence[RunRow], criteria: Criteria, text: str) -> Known:
+    """Times are left aside where they were taken elsewhere; ``text`` says what the rows are."""
+    refusal = _foreign(rows) if criteria.on == "time" else ""
+    criteria = replace(criteria, on="evaluations") if refusal else criteria
+    fronts = as_run(Standing.of(newest(rows).rows, criteria).fronts)
+    failed = {entry: why.text for front in fronts for entry, why in front.missing.items() if why.kind not in UNKNOWN}
+    if fronts and not any(front.costs for front in fronts):
+        text += " do not get there" + "".join(f"; {entry}: {why}" for entry, why in failed.items())
+    return Known(problem=problem, fronts=fronts, on=criteria.on, refusal=refusal, failed=failed, text=text)
+
+
+def _foreign(rows: Sequence[RunRow]) -> str:
+    """Why the times of these rows say nothing here, or ""."""
+    good = [row for row in rows if row.success]
+    found = [foreign(row.timing.get("machine", clock_of(row.environment)), versions_of(row.environment)) for row in good]
+    others = [why for why in found if why]
+    return f"{len(others)} of {len(found)} runs are of {others[0]}" if others else ""
+
+
+def _advice(problem: str, solvers: Sequence[tuple[str, str]], **fields: str) -> Advice:
+    """``solvers`` are specs and what each is given, the cheapest first."""
+    (taken, taken_by), (second, second_by), *_ = [*solvers, (None, None), (None, None)]
+    return Advice(problem=problem, taken=taken, taken_by=taken_by, second=second, second_by=second_by, **fields)
+
+
+def _from_rows(known: Known, criteria: Criteria) -> Advice | None:
     """By runs of the problem itself; None where they do not reach the error."""
     ranked = ranking(known.fronts)
     if not ranked:
         return None
-    refused = [REFUSED.format(why=known.refusal)] if known.refusal else []
-    return Advice(
-        problem=known.problem,
-        **_first_two([(spec_of(run), kind_of(run)) for run in (_run_of(known, entry) for entry, _ in ranked)]),
+    runs = {cost.entry: cost.run for front in known.fronts for cost in front.costs}
+    return _advice(
+        known.problem,
+        [(spec_of(runs[entry]), kind_of(runs[entry])) for entry, _ in ranked],
         on=known.on,
-        text=sentence(known.fronts, wish),
+        text=sentence(known.fronts, criteria),
         evidence=known.text,
-        domain=f"this problem, error {wish.accuracies[0]:g}",
-        reason=" ".join([*refused, f"the least {known.on} of {len(ranked)} that get there"]),
+        domain=f"this problem, error {criteria.accuracies[0]:g}",
+        reason=f"{_refused(known.refusal)}the least {known.on} of {len(ranked)} that get there",
     )
 
 
-def _run_of(known: Known, entry: str) -> Point:
-    """A run of ``entry`` that gets to an error."""
-    return next(cost.run for front in known.fronts for cost in front.costs if cost.entry == entry)
-
-
-def _first_two(asked: Sequence[tuple[str, str]]) -> dict[str, Any]:
-    """The solvers of an :class:`Advice`, of ``asked``: specs and what each is given, the cheapest first."""
-    (taken, taken_by), (second, second_by), *_ = [*asked, (None, None), (None, None)]
-    return {"taken": taken, "taken_by": taken_by, "second": second, "second_by": second_by}
-
-
-def _measured(spec: str, wish: Wish, seconds: float, store: str | Path | None) -> Advice:
+def _measured(spec: str, criteria: Criteria, seconds: float, store: str | Path | None) -> Advice:
     """By a trade."""
-    found = trade(spec, accuracies=wish.accuracies, seconds=seconds, drift=wish.drift, on=wish.on, store=store)
+    found = trade(spec, accuracies=criteria.accuracies, seconds=seconds, drift=criteria.drift, on=criteria.on, store=store)
     evidence = f"{len(found.rows)} runs made now, {found.seconds:.0f} s"
-    told = _from_rows(Known.from_rows(found.problem, found.rows, wish, evidence), wish)
-    if told is not None:
-        return replace(told, text=found.sentence)
-    return Advice(
-        problem=found.problem,
-        **_first_two([]),
-        on=wish.on,
-        text=found.sentence,
-        evidence=evidence,
-        domain="",
-        reason="",
-    )
+    made = _from_rows(known_of(found.problem, found.rows, criteria, evidence), criteria)
+    none = _advice(found.problem, [], on=criteria.on, text="", evidence=evidence, domain="", reason="")
+    return replace(made or none, text=found.sentence)
 
 
-def _from_features(problem: Problem, wish: Wish, database: Database, known: Known | None) -> Advice:
+def _refused(why: str) -> str:
+    return f"times are refused: {why}; by evaluations; " if why else ""
+
+
+def _from_features(problem: Problem, criteria: Criteria, database: Database, known: Known | None) -> Advice:
     """By the problems most like it, among the solvers that have not failed on this one."""
     failed = {} if known is None else known.failed
     database = database.of_entries(lambda entry: entry not in failed)
-    refusal = database.refusal() if wish.on == "time" else ""
-    wish = replace(wish, on="evaluations") if refusal else wish
-    doubt, features, told = _outside(problem, wish), "", None
+    refusal = database.refusal() if criteria.on == "time" else ""
+    criteria = replace(criteria, on="evaluations") if refusal else criteria
+    doubt, features, found = _outside(problem, criteria), "", None
     if not database.entries:
         doubt = "all solvers of the database have failed on this problem"
     if not doubt:
@@ -170,59 +201,52 @@ def _from_features(problem: Problem, wish: Wish, database: Database, known: Know
         except Exception as error:  # noqa: BLE001 - a user's functions
             doubt = str(error) if isinstance(error, ProblemError) else f"{type(error).__name__}: {error}"
         else:
-            told, features = expected(database, Space.of(database), looked, wish), str(looked)
-            doubt = told.doubt
-    sure = told if told is not None and not doubt else None
-    return Advice(
-        problem=problem.name,
-        **_first_two([] if sure is None else [asked_of(entry) for entry, _ in sure.order]),
-        on=wish.on,
-        text=f"Cannot tell: {doubt.rstrip('.')}; {OTHERWISE}." if sure is None else _text(sure, wish),
-        evidence="; ".join(([] if known is None else [known.text]) + [_scenes(database, told)]),
-        domain=_domain(told),
-        reason="; ".join(filter(None, [REFUSED.format(why=refusal) if refusal else "", features])),
+            found, features = expected(database, Space.of(database), looked, criteria), str(looked)
+            doubt = found.doubt
+    sure = None if doubt else found
+    nearest = f", nearest: {', '.join(found.neighbours[:3])}" if found else ""
+    evidence = f"{len(database.scenes)} known problems{nearest}"
+    domain = f"errors {ERRORS}"
+    if found is not None and found.order and not found.unknown:
+        domain += f"; distance {found.distance:.2g} of at most {found.reach:.2g}; {found.agreed:.0%} of the neighbours agree"
+    return _advice(
+        problem.name,
+        [asked_of(entry) for entry, _ in sure.order] if sure else [],
+        on=criteria.on,
+        text=_text(sure, criteria) if sure else f"Cannot tell: {doubt.rstrip('.')}; `hhtbench trade` measures it.",
+        evidence=evidence if known is None else f"{known.text}; {evidence}",
+        domain=domain,
+        reason=f"{_refused(refusal)}{features}".removesuffix("; "),
     )
 
 
-def _scenes(database: Database, told: Expectation | None) -> str:
-    nearest = f", nearest: {', '.join(told.neighbours[:3])}" if told else ""
-    return f"{len(database.scenes)} known problems{nearest}"
-
-
-def _outside(problem: Problem, wish: Wish) -> str:
-    """Why the database says nothing of such a wish, or ""."""
-    accuracy = wish.accuracies[0]
+def _outside(problem: Problem, criteria: Criteria) -> str:
+    """Why the database says nothing of such criteria, or ""."""
+    accuracy = criteria.accuracies[0]
     if not min(ACCURACIES) <= accuracy <= max(ACCURACIES):
-        return f"the database knows errors from {max(ACCURACIES):g} to {min(ACCURACIES):g}; asked was {accuracy:g}"
-    if wish.drift is not None and wish.drift < TIGHTEST:
-        return f"the database knows drifts of at most {TIGHTEST:g}; asked was {wish.drift:g}"
-    if wish.on == "time" and isinstance(problem.system, NumpySystem):
+        return f"the database knows errors from {ERRORS}; asked was {accuracy:g}"
+    if criteria.drift is not None and criteria.drift < TIGHTEST:
+        return f"the database knows drifts of at most {TIGHTEST:g}; asked was {criteria.drift:g}"
+    if criteria.on == "time" and isinstance(problem.system, NumpySystem):
         return "the system's functions are called in Python, and the database's times are of machine code"
     return ""
 
 
-def _text(told: Expectation, wish: Wish) -> str:
-    (first, own), *others = told.order
+def _text(found: Expectation, criteria: Criteria) -> str:
+    (first, own), *others = found.order
     text = (
-        f"Take {first}: on the {len(told.neighbours)} most similar known problems and, with equal weight, on all it costs "
-        f"{own:.2g} times the least {wish.on} in the mean at {_compared(wish)}; "
+        f"Take {first}: on the {len(found.neighbours)} most similar known problems and, with equal weight, on all it costs "
+        f"{own:.2g} times the least {criteria.on} in the mean at {_compared(criteria)}; "
     )
     return text + (f"the second choice, {others[0][0]}, {others[0][1]:.2g} times." if others else "no other is known.")
 
 
-def _compared(wish: Wish) -> str:
+def _compared(criteria: Criteria) -> str:
     """The error and the drift of the database's runs, with what was asked where that is another."""
-    accuracy, (_, bound) = wish.accuracies[0], key_of(wish)
+    accuracy, (_, bound) = criteria.accuracies[0], key_of(criteria)
     error = error_of(accuracy)
-    told = f"an error of {error:g}" + (f" (asked: {accuracy:g})" if error != accuracy else "")
-    if wish.drift is None:
-        return told
+    text = f"an error of {error:g}" + (f" (asked: {accuracy:g})" if error != accuracy else "")
+    if criteria.drift is None:
+        return text
     held = "any drift" if bound is None else f"a drift of at most {bound:g}"
-    return f"{told} and {held}" + (f" (asked: {wish.drift:g})" if bound != wish.drift else "")
-
-
-def _domain(told: Expectation | None) -> str:
-    errors = f"errors {max(ACCURACIES):g} to {min(ACCURACIES):g}"
-    if told is None or not told.order or told.unknown:
-        return errors
-    return f"{errors}; distance {told.distance:.2g} of at most {told.reach:.2g}; {told.agreed:.0%} of the neighbours agree"
+    return f"{text} and {held}" + (f" (asked: {criteria.drift:g})" if bound != criteria.drift else "")

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from hhtbench import analysis
-from hhtbench.advice.wish import Wish
+from hhtbench.advice.criteria import Criteria
 from hhtbench.analysis.fronts import Front
 from hhtbench.analysis.missing import UNKNOWN
 from hhtbench.store import RunRow
 
-SEVERAL = 4.0  # times the cheapest: from there on a candidate is given up; a single time beside other work is good to twice
+SEVERAL = 4.0  # times the cheapest: from there on a candidate is dropped; a single time beside other work is good to twice
 OPEN = ("capped", *UNKNOWN)  #: reasons after which more time may help
 
 
@@ -23,9 +23,9 @@ class Standing:
     fronts: tuple[Front, ...]  #: one an accuracy, the loosest first
 
     @classmethod
-    def of(cls, rows: Sequence[RunRow], wish: Wish) -> Standing:
+    def of(cls, rows: Sequence[RunRow], criteria: Criteria) -> Standing:
         """From the rows of one problem."""
-        return cls(analysis.fronts(rows, wish.on, wish.accuracies, wish.drift) if rows else ())
+        return cls(analysis.fronts(rows, criteria.on, criteria.accuracies, criteria.drift) if rows else ())
 
     def hopeless(self, entry: str) -> str:
         """Why ``entry`` cannot win at any of the errors, or ""."""
@@ -46,15 +46,13 @@ class Standing:
 
 def _behind(front: Front, entry: str) -> str:
     """Why ``entry`` is out at this error, or "": it has ended without reaching it, or is several times too dear."""
-    best = front.costs[0].value if front.costs else math.inf
-    cost = next((cost.value for cost in front.costs if cost.entry == entry), None)
-    if cost is not None:
-        return f"costs {cost / best:.2g} times the cheapest at {front.target:g}" if cost > SEVERAL * best else ""
-    missing = front.missing.get(entry)
-    if missing is None or missing.kind in UNKNOWN:
-        return ""
-    if missing.kind not in OPEN:
+    best, missing = front.costs[0].value if front.costs else math.inf, front.missing.get(entry)
+    if missing is not None and missing.kind not in OPEN:
         return missing.text
-    if missing.bound is not None and missing.bound > SEVERAL * best:
-        return f"costs at least {missing.bound / best:.2g} times the cheapest at {front.target:g}"
-    return ""
+    if missing is None:
+        cost, least = next((cost.value for cost in front.costs if cost.entry == entry), None), ""
+    else:
+        cost, least = None if missing.kind in UNKNOWN else missing.bound, "at least "
+    if cost is None or cost <= SEVERAL * best:
+        return ""
+    return f"costs {least}{cost / best:.2g} times the cheapest at {front.target:g}"

@@ -6,13 +6,14 @@ import math
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from tabulate import tabulate
 
 from hhtbench.advice.candidates import CANDIDATES, Candidate, campaign_for
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import read_database
 from hhtbench.advice.features import probe
 from hhtbench.advice.nearest import Space, expected
@@ -20,7 +21,6 @@ from hhtbench.advice.page import write_page
 from hhtbench.advice.rounds import UNTRIED, Rounds
 from hhtbench.advice.truth import truth_of
 from hhtbench.advice.verdict import Choice, as_run, choices_of, failure, sentence
-from hhtbench.advice.wish import Wish, listed
 from hhtbench.analysis.fronts import Front
 from hhtbench.arguments import positive_integer, real_number
 from hhtbench.campaign.asked import refuse_misspelt
@@ -46,7 +46,7 @@ class Trade:
     """What :func:`trade` found."""
 
     problem: str  #: canonical spec
-    wish: Wish
+    criteria: Criteria
     reference: str  #: what errors are measured against
     unknown: str  #: why they are measured against nothing, or ""
     rows: tuple[RunRow, ...]  #: one a solve, as those of a campaign
@@ -63,7 +63,7 @@ class Trade:
     @property
     def sentence(self) -> str:
         """Whom to take; what each candidate said where there is nobody."""
-        found = sentence(self.fronts, self.wish)
+        found = sentence(self.fronts, self.criteria)
         if not found:
             return failure(self._said(), [row.status for row in self.rows], self.unknown)
         untried = sum(why == UNTRIED for why in self.left_out.values())
@@ -80,40 +80,25 @@ class Trade:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        return {
-            "problem": self.problem,
-            "accuracies": list(self.wish.accuracies),
-            "on": self.wish.on,
-            "drift": self.wish.drift,
-            "sentence": self.sentence,
-            "reference": self.reference,
-            "unknown": self.unknown,
-            "choices": [choice.as_dict() for choice in self.choices],
-            "left_out": self.left_out,
-            "seconds": self.seconds,
-        }
+        names = ("problem", "sentence", "reference", "unknown", "left_out", "seconds")
+        choices = [choice.as_dict() for choice in self.choices]
+        return {**{name: getattr(self, name) for name in names}, **asdict(self.criteria), "choices": choices}
 
     def __str__(self) -> str:
         return f"{self._table()}\n\n{self.sentence}"
 
     def _table(self) -> str:
         """Costs by candidate and error; who was given up, with the reason."""
-        entries = list(dict.fromkeys(cost.entry for front in self.fronts for cost in front.costs))
-        costs = {(front.target, cost.entry): cost.value for front in self.fronts for cost in front.costs}
-        body = [
-            [
-                entry,
-                *(
-                    work(costs[front.target, entry], self.wish.on) if (front.target, entry) in costs else ""
-                    for front in self.fronts
-                ),
-                self.left_out.get(entry, ""),
-            ]
-            for entry in entries
-        ]
-        body += [[entry, *[""] * len(self.fronts), why] for entry, why in self._said().items() if entry not in entries]
-        heads = ["", *(f"{front.target:g}" for front in self.fronts), "given up"]
-        title = f"{self.problem}: {self.wish.on} to an error; errors against {self.reference}; {self.seconds:.0f} s\n\n"
+        costs: dict[str, dict[float, str]] = {}
+        for front in self.fronts:
+            for cost in front.costs:
+                costs.setdefault(cost.entry, {})[front.target] = work(cost.value, self.criteria.on)
+        why = {entry: self.left_out.get(entry, "") for entry in costs}
+        why |= {entry: text for entry, text in self._said().items() if entry not in costs}
+        targets = [front.target for front in self.fronts]
+        body = [[entry, *(costs.get(entry, {}).get(x, "") for x in targets), text] for entry, text in why.items()]
+        heads = ["", *(f"{target:g}" for target in targets), "given up"]
+        title = f"{self.problem}: {self.criteria.on} to an error; errors against {self.reference}; {self.seconds:.0f} s\n\n"
         return title + tabulate(body, headers=heads, disable_numparse=True, maxcolwidths=[None] * (len(heads) - 1) + [60])
 
 
@@ -144,7 +129,7 @@ def trade(
     drift
         Most scaled drift of position and velocity constraints of the runs that count; None: any.
     on
-        What shall be little: "time" or "evaluations".
+        What to minimise: "time" or "evaluations".
     solvers
         Specs instead of the usual candidates; every one with tolerances, or with constant steps where it takes none.
     store
@@ -166,15 +151,15 @@ def trade(
     NotFoundError, ProblemError, TypeError
         Wrong use, before anything runs.
     """
-    wish = Wish(accuracies=listed(accuracies), on=on, drift=drift)
+    criteria = Criteria(accuracies=accuracies, on=on, drift=drift)
     found = named([problem], store=store)
     with holding(found.held):
-        return _traded(found, wish, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell, progress=progress)
+        return _traded(found, criteria, solvers, seconds=seconds, store=store, jobs=jobs, tell=tell, progress=progress)
 
 
 def _traded(
     found: Named,
-    wish: Wish,
+    criteria: Criteria,
     solvers: Sequence[str] | str,
     *,
     seconds: float,
@@ -188,20 +173,20 @@ def _traded(
     if real_number("seconds", seconds) <= 0.0:
         raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
     loaded, spec = load_problem(found.specs[0]), canonical(found.specs[0])
-    candidates = _named(solvers, loaded) or in_expected_order(loaded, wish)
+    candidates = _named(solvers, loaded) or in_expected_order(loaded, criteria)
     limits = machine_limits(None if jobs is None else positive_integer("jobs", jobs))
     pace = pace_of(began, seconds, progress)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else Path(store)
-        plan = campaign_for([spec], candidates, accuracies=wish.accuracies, reference="auto")
+        plan = campaign_for([spec], candidates, accuracies=criteria.accuracies, reference="auto")
         with Store(file) as rows, ThisProcess() if found.held else WorkerPool(limits) as pool:
             truth = truth_of(loaded, plan, file, 0 if found.held else limits.jobs, REFERENCE_SHARE * seconds, tell)
-            rounds = Rounds(spec, wish, rows, pool, truth.references, began + LAST_SHARE * seconds, tell, pace)
+            rounds = Rounds(spec, criteria, rows, pool, truth.references, began + LAST_SHARE * seconds, tell, pace)
             rounds.run(candidates)  # without a truth too: what each says tells what is wrong
             rounds.time_again(candidates)
     return Trade(
         problem=spec,
-        wish=wish,
+        criteria=criteria,
         reference=truth.text,
         unknown=truth.missing,
         rows=tuple(rounds.rows.values()),
@@ -218,14 +203,14 @@ def pace_of(began: float, seconds: float, progress: Progress) -> Progress:
     return lambda *_: progress("seconds", min(int(time.monotonic() - began), total), total)
 
 
-def in_expected_order(problem: Problem, wish: Wish) -> tuple[Candidate, ...]:
+def in_expected_order(problem: Problem, criteria: Criteria) -> tuple[Candidate, ...]:
     """The usual candidates, who is expected to be the cheapest first; by the rule of thumb where nothing can be expected.
 
     For an order times of another machine will do.
     """
     try:
         database = read_database()
-        order = [entry for entry, _ in expected(database, Space.of(database), probe(problem).features, wish).order]
+        order = [entry for entry, _ in expected(database, Space.of(database), probe(problem).features, criteria).order]
     except Exception:  # noqa: BLE001 - a user's functions: what is wrong with them the runs tell
         return CANDIDATES
     return tuple(sorted(CANDIDATES, key=lambda one: order.index(one.entry) if one.entry in order else len(order)))

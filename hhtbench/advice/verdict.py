@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from hhtbench.advice.wish import Wish
+from hhtbench.advice.criteria import Criteria
 from hhtbench.analysis.cells import spec_of
 from hhtbench.analysis.decision import places
 from hhtbench.analysis.fronts import Cost, Front
@@ -30,11 +30,8 @@ class Choice:
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values."""
-        return {
-            "accuracy": self.accuracy,
-            **_plain(self.best),
-            "second": None if self.second is None else _plain(self.second),
-        }
+        second = None if self.second is None else _plain(self.second)
+        return {"accuracy": self.accuracy, **_plain(self.best), "second": second}
 
 
 def _plain(cost: Cost) -> dict[str, Any]:
@@ -44,7 +41,7 @@ def _plain(cost: Cost) -> dict[str, Any]:
 
 
 def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:
-    """One for every error that somebody reaches."""
+    """The cheapest at every error that somebody reaches, and the next."""
     return tuple(
         Choice(accuracy=front.target, best=front.costs[0], second=next(iter(front.costs[1:]), None))
         for front in fronts
@@ -54,12 +51,11 @@ def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:
 
 def as_run(fronts: Sequence[Front]) -> tuple[Front, ...]:
     """The same by what the runs took whose settings are told, not by what a run between two of them might take."""
-    return tuple(replace(front, costs=_as_run(front)) for front in fronts)
-
-
-def _as_run(front: Front) -> tuple[Cost, ...]:
-    told = [replace(cost, value=cost.run.work(front.measure) or cost.value) for cost in front.costs]
-    return tuple(sorted(told, key=lambda cost: cost.value))
+    found = []
+    for front in fronts:
+        costs = [replace(cost, value=cost.run.work(front.measure) or cost.value) for cost in front.costs]
+        found.append(replace(front, costs=tuple(sorted(costs, key=lambda cost: cost.value))))
+    return tuple(found)
 
 
 def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
@@ -72,49 +68,37 @@ def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
     return tuple((place.entry, place.mean / ranked[0].mean) for place in ranked)
 
 
-def sentence(fronts: Sequence[Front], wish: Wish) -> str:
+def sentence(fronts: Sequence[Front], criteria: Criteria) -> str:
     """The one sentence; "" where nobody reaches anything."""
     reached, ranked = [front for front in fronts if front.costs], ranking(fronts)
     if not ranked:
         return ""
-    (taken, _), last = ranked[0], reached[-1]
-    text = f"Take {taken}: {_expected(next(cost for cost in last.costs if cost.entry == taken), last.target)}"
+    taken = ranked[0][0]
+    own = [next(cost for cost in front.costs if cost.entry == taken) for front in reached]
+    parts = [f"Take {taken}: {_expected(own[-1], reached[-1].target)}", "nobody else got there"]
     if len(ranked) > 1:
-        other, mean = ranked[1]
-        text += f"; the second choice, {other}, costs {mean:.2g} times as much"
-        text += " in the mean of the errors" if len(reached) > 1 else ""
-    else:
-        text += "; nobody else got there"
-    return text + _exceptions(reached, taken) + _unreached(fronts, wish) + "."
+        mean = " in the mean of the errors" if len(reached) > 1 else ""
+        parts[1] = f"the second choice, {ranked[1][0]}, costs {ranked[1][1]:.2g} times as much{mean}"
+    dearer: dict[str, list[str]] = {}
+    for front, cost in zip(reached, own, strict=True):
+        if cost.value > CLEARLY * front.costs[0].value:
+            dearer.setdefault(front.costs[0].entry, []).append(f"{front.target:g}")
+    parts += [f"at {' and '.join(targets)} {entry} is cheaper" for entry, targets in dearer.items()]
+    if missed := [f"{front.target:g}" for front in fronts if not front.costs]:
+        held = "" if criteria.drift is None else f" within a drift of {criteria.drift:g}"
+        parts.append(f"{', '.join(missed)} was reached by nobody{held}")
+    return "; ".join(parts) + "."
 
 
 def _expected(cost: Cost, target: float) -> str:
     run = cost.run
     drift = [f"{name} drift {value:.1e}" for name in ("position", "velocity") if (value := getattr(run, name)) is not None]
-    told = [
+    found = [
         f"an error of {shown(run.error)} (asked: {target:g})",
-        f"{seconds(run.time)}",
+        seconds(run.time),
         f"{shown(run.evaluations)} evaluations",
     ]
-    return f"{run.setting.text} gives {', '.join([*told, *drift])}"
-
-
-def _exceptions(reached: Sequence[Front], taken: str) -> str:
-    """Errors at which another is clearly cheaper."""
-    dearer: dict[str, list[float]] = {}
-    for front in reached:
-        own = next(cost.value for cost in front.costs if cost.entry == taken)
-        if own > CLEARLY * front.costs[0].value:
-            dearer.setdefault(front.costs[0].entry, []).append(front.target)
-    return "".join(
-        f"; at {' and '.join(f'{target:g}' for target in targets)} {entry} is cheaper" for entry, targets in dearer.items()
-    )
-
-
-def _unreached(fronts: Sequence[Front], wish: Wish) -> str:
-    missed = [front.target for front in fronts if not front.costs]
-    held = "" if wish.drift is None else f" within a drift of {wish.drift:g}"
-    return f"; {', '.join(f'{target:g}' for target in missed)} was reached by nobody{held}" if missed else ""
+    return f"{run.setting.text} gives {', '.join([*found, *drift])}"
 
 
 HINTS = {

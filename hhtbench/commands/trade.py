@@ -28,8 +28,8 @@ def trade_command(problem: str, accuracy: str, solvers: tuple[str, ...], page: P
     For example: hhtbench trade my.py:crane --accuracy 1e-2..1e-6 --seconds 60 --page trade.html
     """
     with ends_at_once():
+        from hhtbench.advice.criteria import accuracies_of
         from hhtbench.advice.trading import trade
-        from hhtbench.advice.wish import accuracies_of
         from hhtbench.campaign.asked import split_specs
 
     accuracies, some = accuracies_of(accuracy), split_specs(solvers)

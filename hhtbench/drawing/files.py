@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,18 +42,11 @@ def draw_one(spec: str, out: Path | None, frames: int | None, solver: str | None
     for note in scene.notes:
         click.echo(note)
     click.echo(f"written: {file}")
-    return _drawn(problem.name, file, course, scene.source, scene.notes)
+    return _drawn(problem.name, file, course) | {"notes": list(scene.notes), "failed": course.stopped}
 
 
-def _drawn(problem: str, file: Path, course: Course, source: str, notes: Sequence[str]) -> dict[str, Any]:
-    return {
-        "problem": problem,
-        "file": str(file),
-        "t": [course.t[0], course.t[-1]],
-        "states": source,
-        "notes": list(notes),
-        "failed": course.stopped,
-    }
+def _drawn(problem: str, file: Path, course: Course) -> dict[str, Any]:
+    return {"problem": problem, "file": str(file), "t": [course.t[0], course.t[-1]], "states": course.source, "failed": ""}
 
 
 def draw_all(
@@ -77,9 +69,8 @@ def draw_all(
             tell(f"{name}: NOT DRAWN: {text}")
             continue
         notes = [course.stopped] if course.stopped else []
-        drawings.append(_drawn(name, folder / f"{name}.png", replace(course, stopped=""), course.source, notes))
-        shown = f"t = {course.t[0]:.4g} to {course.t[-1]:.4g} s", course.source, course.stopped
-        tell(f"{name}: {'; '.join(filter(None, shown))}")
+        drawings.append(_drawn(name, folder / f"{name}.png", course) | {"notes": notes})
+        tell("; ".join([f"{name}: t = {course.t[0]:.4g} to {course.t[-1]:.4g} s", course.source, *notes]))
     return drawings
 
 

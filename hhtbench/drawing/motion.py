@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicHermiteSpline
 
 from hhtbench.api import solve
 from hhtbench.arguments import Matrix, Vector
@@ -36,7 +35,7 @@ class Course:
 
     t: Vector  #: (k,) [s]
     q: Matrix  #: (k, n)
-    source: str  #: where they come from, in words
+    source: str  #: where they come from
     stopped: str = ""  #: why they end before the end that was asked for; "" where they reach it
 
 
@@ -44,7 +43,7 @@ def find_course(problem: Problem, solver: str | None = None, seconds: float | No
     """States of ``problem`` over the span that shows its motion, or over ``seconds`` [s] from the start.
 
     They come from the named ``solver``; if none is named from the closed solution, or from the default solvers; if no
-    solver makes a step, from the stored reference.
+    solver makes a step, the start alone is left.
 
     Raises
     ------
@@ -160,7 +159,8 @@ def _course(problem: Problem, end: float, solver: str | None) -> Course:
     if len(solution.t) > 1:
         stopped = "" if solution.success else f"{name} stopped at t = {solution.t[-1]:.4g} s: {solution.status.label}"
         return Course(t=solution.t, q=solution.q, source=f"{name}, rtol {RTOL:g}", stopped=stopped)
-    return _stored(problem, end, f"{name} made no step: {solution.status.label}")
+    why = f"{name} made no step: {solution.status.label}; only the start is drawn"
+    return Course(t=np.array([problem.t_span[0]]), q=problem.q0[None], source="the start", stopped=why)
 
 
 def _solved(problem: Problem, t: Vector, solver: str | None) -> tuple[str, Solution]:
@@ -174,22 +174,3 @@ def _solved(problem: Problem, t: Vector, solver: str | None) -> tuple[str, Solut
     if solution.status is not Status.evaluation_budget:
         return first, solution
     return QUICK, solve(problem, QUICK, rtol=RTOL, t_eval=t, max_evaluations=BUDGET)
-
-
-def _stored(problem: Problem, end: float, why: str) -> Course:
-    """The stored reference up to ``end`` by cubic pieces through its states; without one the start alone."""
-    start = problem.t_span[0]
-    table = problem.reference
-    if table is not None and len(table["t"]) > 0:
-        t, q, v = (np.asarray(table[key], dtype=np.float64) for key in ("t", "q", "v"))
-        if t[0] > start:
-            t, q, v = np.append(start, t), np.vstack([problem.q0, q]), np.vstack([problem.v0, v])
-        if len(t) > 1:
-            fine = np.linspace(start, min(end, t[-1]), SAMPLES)
-            return Course(
-                t=fine,
-                q=CubicHermiteSpline(t, q, v)(fine),
-                source="stored reference",
-                stopped="" if t[-1] >= end else f"{why}; the reference ends at t = {t[-1]:.4g} s",
-            )
-    return Course(t=np.array([start]), q=problem.q0[None], source="the start", stopped=f"{why}; only the start is drawn")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, Database, Scene
 from hhtbench.advice.nearest import Space, expected, key_of
-from hhtbench.advice.wish import Wish
 from hhtbench.arguments import Matrix, Vector
 
 TWICE = 2.0
@@ -45,10 +45,10 @@ def thumb(scene: Scene) -> str:
     return "scipy(method=Radau)" if scene.features.stiffness > STIFF else "scipy(method=DOP853)"
 
 
-def judge(database: Database, wish_of: Callable[[float], Wish], same: Callable[[Scene, Scene], bool]) -> tuple[Line, ...]:
+def judge(database: Database, asked: Callable[[float], Criteria], same: Callable[[Scene, Scene], bool]) -> tuple[Line, ...]:
     """All policies on every scene, which saw none of the scenes that are ``same`` as it; best mean first, advice on top."""
-    ratios = np.array([_ratios(scene, wish_of(ACCURACIES[0]), database.budget) for scene in database.scenes])
-    told = [_told(database, index, wish_of, same, ratios) for index in range(len(database.scenes))]
+    ratios = np.array([_ratios(scene, asked(ACCURACIES[0]), database.budget) for scene in database.scenes])
+    told = [_told(database, index, asked, same, ratios) for index in range(len(database.scenes))]
     advice, free, fixed, answers = (np.array(parts) for parts in zip(*told, strict=True))
     samples = _resampled([scene.family for scene in database.scenes])
     rule = [_index(database, thumb(scene)) for scene in database.scenes]
@@ -63,9 +63,9 @@ def judge(database: Database, wish_of: Callable[[float], Wish], same: Callable[[
     return (*lines, *sorted(each, key=lambda line: line.mean))
 
 
-def _ratios(scene: Scene, wish: Wish, budget: float) -> Matrix:
+def _ratios(scene: Scene, criteria: Criteria, budget: float) -> Matrix:
     """Log of the cost over the best, (entries, accuracies): the budget's for who does not get there; NaN: nobody does."""
-    costs, times = scene.costs[key_of(wish)], scene.costs["time", key_of(wish)[1]]
+    costs, times = scene.costs[key_of(criteria)], scene.costs["time", key_of(criteria)[1]]
     best, fastest = costs.min(axis=0), times.min(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
         lost = np.maximum(budget / fastest, 1.0)
@@ -74,7 +74,11 @@ def _ratios(scene: Scene, wish: Wish, budget: float) -> Matrix:
 
 
 def _told(
-    database: Database, index: int, wish_of: Callable[[float], Wish], same: Callable[[Scene, Scene], bool], ratios: Matrix
+    database: Database,
+    index: int,
+    asked: Callable[[float], Criteria],
+    same: Callable[[Scene, Scene], bool],
+    ratios: Matrix,
 ) -> tuple[Vector, Vector, Vector, Vector]:
     """Of one scene, an entry an error: log regret of the advice, the same without the features' cost, that of the best fixed
     choice of the others, and whether the advice spoke.
@@ -86,11 +90,11 @@ def _told(
     fixed = int(np.argmin(np.nanmean(np.nanmean(ratios[kept], axis=2), axis=0)))
     advice, free, spoke = [], [], []
     for column, accuracy in enumerate(ACCURACIES):
-        wish = wish_of(accuracy)
-        found = expected(train, space, scene.features, wish)
+        criteria = asked(accuracy)
+        found = expected(train, space, scene.features, criteria)
         chosen = fixed if found.doubt else _index(database, found.order[0][0])
-        spent = scene.probe_seconds if wish.on == "time" else scene.probe_evaluations
-        best = scene.costs[key_of(wish)][:, column].min()
+        spent = scene.probe_seconds if criteria.on == "time" else scene.probe_evaluations
+        best = scene.costs[key_of(criteria)][:, column].min()
         free.append(ratios[index, chosen, column])
         advice.append(np.log(np.exp(ratios[index, chosen, column]) + spent / best))
         spoke.append(not found.doubt)

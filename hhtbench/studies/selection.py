@@ -13,10 +13,10 @@ from typing import Any
 from tabulate import tabulate
 
 from hhtbench.advice.candidates import CANDIDATES, campaign_for
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import HELD, Database, Scene, read_database, reduced, write_database
 from hhtbench.advice.families import drawn
 from hhtbench.advice.features import Probe, probe
-from hhtbench.advice.wish import Wish
 from hhtbench.analysis.fronts import MEASURES
 from hhtbench.campaign import run_campaign
 from hhtbench.campaign.campaign import Progress
@@ -127,7 +127,7 @@ def judged(database: Database) -> Study:
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Mean of empty slice", RuntimeWarning)  # errors that nobody reaches have no vote
         found = [
-            Judgement(held_out=name, on=on, drift=drift, lines=judge(database, _wish(on, drift), same))
+            Judgement(held_out=name, on=on, drift=drift, lines=judge(database, _criteria(on, drift), same))
             for name, same in HELD_OUT.items()
             for on in MEASURES
             for drift in HELD
@@ -135,8 +135,8 @@ def judged(database: Database) -> Study:
     return Study(scenes=len(database.scenes), families=len(families), judgements=tuple(found))
 
 
-def _wish(on: str, drift: float | None) -> Callable[[float], Wish]:
-    return lambda accuracy: Wish(accuracies=(accuracy,), on=on, drift=drift)
+def _criteria(on: str, drift: float | None) -> Callable[[float], Criteria]:
+    return lambda accuracy: Criteria(accuracies=(accuracy,), on=on, drift=drift)
 
 
 def _run(

@@ -9,16 +9,16 @@ from textwrap import dedent
 import pytest
 
 import hhtbench as hb
-from hhtbench.advice import known
+from hhtbench.advice import selecting
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import read_database
-from hhtbench.advice.known import Known
-from hhtbench.advice.wish import Wish
+from hhtbench.advice.selecting import known_of
 from hhtbench.campaign.machine import machine_facts
 from tests.advice.plugin import PROBLEM
 from tests.advice.test_trading import CHEAP
 from tests.analysis.laws import failed, law, run
 
-WISH = Wish(accuracies=(1e-4,), on="evaluations")
+CRITERIA = Criteria(accuracies=(1e-4,), on="evaluations")
 NESTED = "minimal(solver='ida(form=ggl)')"
 RULES = {"accuracies": [1e-2, 1e-4], "max_seconds": 1.0, "pair_seconds": 4.0, "refinements": 9}
 
@@ -28,8 +28,8 @@ def stored(monkeypatch):
     """Says which rows every store holds."""
 
     def hold(rows):
-        monkeypatch.setattr(known, "load_rows", lambda file: [replace(row, problem="simple_pendulum") for row in rows])
-        monkeypatch.setattr(known, "outdated", lambda rows: ())
+        monkeypatch.setattr(selecting, "load_rows", lambda file: [replace(row, problem="simple_pendulum") for row in rows])
+        monkeypatch.setattr(selecting, "outdated", lambda rows: ())
 
     return hold
 
@@ -84,7 +84,7 @@ def test_a_solver_of_which_only_looser_errors_were_asked_has_not_failed():
     loose = law("ida", 50.0, 4, settings=(1e-2, 1e-3))
     asked = [replace(row, request={**row.request, "rules": {**RULES, "accuracies": [1e-2, 1e-3]}}) for row in loose]
     for rows in (loose, asked):
-        found = Known.from_rows("pendulum", rows, WISH, "2 runs")
+        found = known_of("pendulum", rows, CRITERIA, "2 runs")
         assert found.failed == {}
         assert found.text == "2 runs do not get there"
 
@@ -92,7 +92,7 @@ def test_a_solver_of_which_only_looser_errors_were_asked_has_not_failed():
 def test_a_solver_that_used_up_what_a_campaign_gives_has_failed():
     late = failed("cvode", 1e-2, status="deadline", message="late")
     rows = [replace(late, request={**late.request, "rules": RULES})]
-    assert set(Known.from_rows("pendulum", rows, WISH, "1 runs").failed) == {"cvode"}
+    assert set(known_of("pendulum", rows, CRITERIA, "1 runs").failed) == {"cvode"}
 
 
 @pytest.mark.parametrize(
@@ -102,12 +102,12 @@ def test_a_solver_that_used_up_what_a_campaign_gives_has_failed():
 def test_times_of_rows_made_elsewhere_or_with_other_versions_are_refused(changed, text):
     here = machine_facts()
     rows = [replace(row, environment={**here, **changed}) for row in law("ida", 50.0, 4)]
-    asked = Wish(accuracies=(1e-4,))
-    found = Known.from_rows("pendulum", rows, asked, "")
+    asked = Criteria(accuracies=(1e-4,))
+    found = known_of("pendulum", rows, asked, "")
     assert found.on == "evaluations"
     assert text in found.refusal
     same = [replace(row, environment=here) for row in rows]
-    assert (Known.from_rows("pendulum", same, asked, "").on, Known.from_rows("pendulum", same, asked, "").refusal) == (
+    assert (known_of("pendulum", same, asked, "").on, known_of("pendulum", same, asked, "").refusal) == (
         "time",
         "",
     )

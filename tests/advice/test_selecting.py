@@ -13,20 +13,20 @@ from click.testing import CliRunner
 import hhtbench as hb
 from hhtbench.advice import trading
 from hhtbench.advice.candidates import Candidate
+from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, read_database, reduced, write_database
 from hhtbench.advice.features import Probe
 from hhtbench.advice.nearest import Space, expected
-from hhtbench.advice.wish import Wish
 from hhtbench.cli import main
 from tests.advice.synthetic import database, features
 from tests.advice.test_trading import CHEAP, MIDDLE
 from tests.analysis.laws import law
 
-WISH = Wish(accuracies=(1e-4,))
+CRITERIA = Criteria(accuracies=(1e-4,))
 
 
-def told(known, looked, wish=WISH):
-    return expected(known, Space.of(known), looked, wish)
+def told(known, looked, criteria=CRITERIA):
+    return expected(known, Space.of(known), looked, criteria)
 
 
 def test_the_winner_of_the_most_similar_scenes_is_expected_to_win():
@@ -70,6 +70,7 @@ def test_a_solver_of_a_database_is_named_as_solve_takes_it_and_beside_it_what_it
     write_database(read_database().of_entries("hht(alpha=-0.05), constant step".__eq__), file, "")
     found = hb.select("simple_pendulum", on="evaluations", database=file)
     assert (found.taken, found.taken_by, found.second, found.second_by) == ("hht(alpha=-0.05)", "steps", None, None)
+    assert "no other is known." in found.text
     assert hb.solve("simple_pendulum", found.taken, t_span=(0.0, 0.1), **{found.taken_by: 20}).success
 
 
@@ -106,14 +107,6 @@ def test_a_file_that_is_no_whole_database_of_this_hhtbench_is_refused(damage, tm
     file.write_text(json.dumps(damage(json.loads(file.read_text()))))
     with pytest.raises(hb.ProblemError, match=r"database\.json is (no database|damaged)"):
         hb.select("simple_pendulum", database=file)
-
-
-def test_a_database_of_one_solver_names_no_second(tmp_path: Path):
-    file = tmp_path / "one.json"
-    write_database(read_database().of_entries("projected(method=DOP853)".__eq__), file, "")
-    found = hb.select("simple_pendulum", on="evaluations", database=file)
-    assert (found.taken, found.second) == ("projected(method=DOP853)", None)
-    assert "no other is known." in found.text
 
 
 def test_a_store_that_a_trade_is_to_make_need_not_be_there(prices, monkeypatch, tmp_path: Path):

@@ -72,21 +72,11 @@ def test_states_stop_where_the_solver_stops_and_say_so(rotor, monkeypatch):
     assert f"stopped at t = {course.t[-1]:.4g} s: step_too_small" in course.stopped
 
 
-def test_stored_reference_takes_the_place_of_a_solver_that_makes_no_step(rotor, monkeypatch):
-    _stop_solvers(monkeypatch, rows=0)
-    t = np.array([0.5, 1.0, 1.5])
-    q, v = np.stack([np.cos(t), np.sin(t)], axis=1), np.stack([-np.sin(t), np.cos(t)], axis=1)
-    course = find_course(rotor(exact=None, reference={"t": t, "q": q, "v": v, "digits": 9}), seconds=2.0)
-    assert course.source == "stored reference"
-    assert "no step: step_too_small; the reference ends at t = 1.5 s" in course.stopped
-    np.testing.assert_allclose(course.q, np.stack([np.cos(course.t), np.sin(course.t)], axis=1), atol=1e-3)
-
-
 def test_only_the_start_is_left_where_nothing_is_known(rotor, monkeypatch):
     _stop_solvers(monkeypatch, rows=0)
     course = find_course(rotor(exact=None))
     assert course.q.tolist() == [[1.0, 0.0]]
-    assert "only the start is drawn" in course.stopped
+    assert "made no step: step_too_small; only the start is drawn" in course.stopped
 
 
 def _stop_solvers(monkeypatch, rows):

@@ -18,7 +18,7 @@ import click
 from tabulate import tabulate
 
 from hhtbench.processes import one_blas_thread
-from tests.fuzz.explore import explore, fault_of, read
+from tests.fuzz.explore import Explored, explore, fault_of, read
 
 SHARE = 400  # cases of one process
 STILL = 180.0  # s without a new case: the process hangs
@@ -26,40 +26,39 @@ WEIGHTS = {"steps": 0.3, "control": 0.2, "machine": 0.1, "hostile": 0.4}  # of a
 
 
 def begun(case: str) -> None:
-    """Tell which case runs; where it stands still, what it was at, and end the process."""
+    """Print which case runs; where it stands still, say what it was at, and end the process."""
     click.echo(case)
     faulthandler.dump_traceback_later(STILL, exit=True)
 
 
-def watch(family: str, first: int, count: int) -> dict:
+def watch(family: str, first: int, count: int) -> tuple[str, Explored]:
     """What a process has found; where it dies, the case it was at."""
     command = [sys.executable, "-m", "tests.fuzz", "--share", family, "--seed", str(first), "--cases", str(count)]
     ended = subprocess.run(command, capture_output=True, text=True)
     last = ended.stdout.splitlines()[-1:]
     try:
-        found: dict = json.loads(*last)
+        found = Explored(**json.loads(*last))
     except (ValueError, TypeError):
         why = f"ends its process ({ended.returncode}): {' | '.join(ended.stderr.splitlines()[-8:])}"
-        found = {"cases": 0, "sound": 0, "ends": {}, "motion": {}, "faults": [(why, *last)]}
-    told = [f"\n{fault}\n  python -m tests.fuzz --case {json.dumps(case)}" for fault, case in found["faults"]]
-    click.echo(f"{family}, seed {first}: {found['cases']} cases, {len(told)} faults{''.join(told)}")
-    return {"family": family, **found}
+        found = Explored(faults=[(why, *last)])
+    faults = [f"\n{fault}\n  python -m tests.fuzz --case {json.dumps(case)}" for fault, case in found.faults]
+    click.echo(f"{family}, seed {first}: {found.cases} cases, {len(faults)} faults{''.join(faults)}")
+    return family, found
 
 
-def report(found: list[dict]) -> int:
+def report(shares: list[tuple[str, Explored]]) -> int:
     """Print what came of the cases; returns the number of faults."""
-    table = []
+    table, motion = [], sum((Counter(one.motion) for _, one in shares), Counter())
     for family in WEIGHTS:
-        own = [one for one in found if one["family"] == family]
-        ends = sum((Counter(one["ends"]) for one in own), Counter())
-        told = ", ".join(f"{name} {count}" for name, count in ends.most_common())
-        table.append([family, sum(one["cases"] for one in own), sum(one["sound"] for one in own), told])
+        own = [one for name, one in shares if name == family]
+        ends = sum((Counter(one.ends) for one in own), Counter()).most_common()
+        counts = sum(one.cases for one in own), sum(one.sound for one in own)
+        table.append([family, *counts, ", ".join(f"{name} {count}" for name, count in ends)])
     click.echo(tabulate(table, headers=["family", "cases", "must arrive", "ends"]))
-    motion = sum((Counter(one["motion"]) for one in found), Counter())
     if motion:
         click.echo("\nThe motions of hostile cases that say success are judged by:")
         click.echo(tabulate([[name, count, f"{count / motion.total():.1%}"] for name, count in motion.most_common()]))
-    return sum(len(one["faults"]) for one in found)
+    return sum(len(one.faults) for _, one in shares)
 
 
 @click.command()

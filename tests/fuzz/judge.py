@@ -31,6 +31,12 @@ class Accelerations(NamedTuple):
     settled: bool  #: friction has one plain root
 
 
+def lengths(rows):
+    """Of each row, 1 of one that is zero."""
+    length = np.linalg.norm(rows, axis=1)
+    return np.where(length > 0.0, length, 1.0)
+
+
 class Judge:
     """The equations of one mechanism."""
 
@@ -61,8 +67,7 @@ class Judge:
         """(m + p, n) rows over the root of the mass, of length one or zero; their lengths; that root (n,)."""
         root = np.sqrt(formulas.masses(np, self.shape, self.p, q))
         rows = self.rows(t, q) / root
-        length = np.linalg.norm(rows, axis=1)
-        length = np.where(length > 0.0, length, 1.0)
+        length = lengths(rows)
         return rows / length[:, None], length, root
 
     def sigma(self, t, q) -> float:
@@ -77,8 +82,7 @@ class Judge:
         """q0 and v0 (n,), and whether they meet the velocity level."""
         q, v, t = self.p.places.ravel(), self.p.velocities.ravel(), self.t0
         rows = self.rows(t, q)
-        length = np.linalg.norm(rows, axis=1)
-        length = np.where(length > 0.0, length, 1.0)
+        length = lengths(rows)
         off, given = self.drift(t, q, v) / length, np.abs(v).max()
         v = v - np.linalg.pinv(rows / length[:, None]) @ off
         v = np.where(np.abs(v) > 1e-13 * given, v, 0.0)  # at rest: a start is measured by its own velocities
@@ -193,10 +197,6 @@ class Judge:
                 settled = settled and run.success
                 found.append(run.y[:, -1])
         return np.array(found) if settled and len(found) == len(times) else None
-
-    def energy(self, t, q, v) -> float:
-        """[J]."""
-        return float(formulas.energy(self.shape, self.p, t, q, v))
 
     @property
     def conserves(self) -> bool:

@@ -40,7 +40,8 @@ def judged(setting: Setting) -> None:
     trajectory(setting, found.solution)
     ended(setting, found.solution)
     if setting.case.family != "hostile":
-        moved(setting, found.solution)
+        with np.errstate(all="ignore"):
+            own_equations(setting, found.solution, 3)
 
 
 def raised(setting: Setting, found: Found) -> None:
@@ -59,8 +60,9 @@ def trajectory(setting: Setting, s: Solution) -> None:
     (t0, t1), (q0, v0), n = setting.span, setting.start, setting.made.shape.n
     expected = s.status in RUN_ENDS or (s.status is Status.unreliable and setting.case.family == "hostile")
     expect(expected and s.message, f"ends with {s.status.label}, message {s.message!r}")
-    fitting = s.q.shape == s.v.shape == (s.t.size, n) and s.lam.shape[0] == s.mu.shape[0] == s.t.size
-    expect(fitting, f"shapes {s.t.shape}, {s.q.shape}, {s.v.shape}, {s.lam.shape}, {s.mu.shape}")
+    shapes = {name: getattr(s, name).shape for name in ("q", "v", "lam", "mu")}
+    fitting = shapes["q"] == shapes["v"] == (s.t.size, n) and shapes["lam"][0] == shapes["mu"][0] == s.t.size
+    expect(fitting, f"shapes {shapes} of {s.t.size} rows")
     expect(s.t.size or not s.success, "success without rows")
     if not s.t.size:
         return
@@ -71,8 +73,7 @@ def trajectory(setting: Setting, s: Solution) -> None:
     expect(np.all(ahead >= 0.0) and (setting.events or np.all(ahead > 0.0)), "times out of order")
     whole = s.t[0] == t0 and (s.status is not Status.success or s.t[-1] == t1)
     expect(whole, f"from {s.t[0]:.17g} to {s.t[-1]:.17g}, not from {t0:.17g} to {t1:.17g}")
-    given = np.array_equal(s.q[0], q0) and np.array_equal(s.v[0], v0)
-    expect(given, "the first row is not the start")
+    expect(np.array_equal(s.q[0], q0) and np.array_equal(s.v[0], v0), "the first row is not the start")
     on_levels(setting, s)
 
 
@@ -89,16 +90,12 @@ def on_levels(setting: Setting, s: Solution) -> None:
     with np.errstate(all="ignore"):
         limits = roundoff(setting, s)
         for i in some(s.t.size):
-            t, last = float(s.t[i]), i == s.t.size - 1
-            if last and LOST in s.message:
+            if i == s.t.size - 1 and LOST in s.message:
                 continue
+            t = float(s.t[i])
             for name, off, limit in zip(("q", "v"), judge.off(t, s.q[i], s.v[i]), limits, strict=True):
-                worst = int(np.argmax(off)) if off.size else 0
-                told = (
-                    f"{s.status.label}, row {i} of {s.t.size} (t = {t:.6g}): {name} is off the level of constraint {worst}"
-                )
-                most = off.max(initial=0.0)
-                expect(most <= limit, f"{told} by {most:.1e}, {most / limit:.1e} times what may be")
+                most, where = off.max(initial=0.0), f"{s.status.label}, row {i} of {s.t.size} (t = {t:.6g}): {name}"
+                expect(most <= limit, f"{where} is off its level by {most:.1e}, {most / limit:.1e} times what may be")
 
 
 def number(words: str, s: Solution) -> float:
@@ -121,12 +118,8 @@ def rounding(setting: Setting, s: Solution) -> tuple[float, float]:
     nearest = min(judge.shortest(float(s.t[i]), s.q[i]) for i in looks)
     clock = EPS * np.abs(s.t).max()  # constraints that move are seen at rounded times
     in_q = EPS * (size_q + longest * (size_v + longest * pushed)) + clock * size_v
-    in_v = (
-        EPS * (size_v + size_q / shortest + longest * pushed)
-        + in_q * longest * pushed / nearest
-        + clock * setting.rate * size_v
-    )
-    return ROUNDED * in_q, ROUNDED * in_v
+    in_v = EPS * (size_v + size_q / shortest + longest * pushed) + clock * setting.rate * size_v
+    return ROUNDED * in_q, ROUNDED * (in_v + in_q * longest * pushed / nearest)
 
 
 def strained(setting: Setting, s: Solution) -> float:
@@ -166,13 +159,12 @@ def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
 def ended(setting: Setting, s: Solution) -> None:
     """That a sound and gentle run arrives, and that a planted fault is told."""
     case, spoil = setting.case, setting.case.spoil
-    off = spoil is not None and spoil.kind == "off" and spoil.since > 1e-6 and setting.judge.sound
-    off = off and setting.made.shape.rods
-    expect(not (off and s.success), "a start off its constraints is taken")
-    if s.success and s.t.size and passed_over(setting, abs(s.t[-1] - s.t[0])):
-        expect(False, f"{s.status.label} beyond {spoil.kind} in {spoil.where}")
-    if setting.must_succeed and not s.success and clear(setting, s):
-        expect(False, f"a sound and gentle case ends with {s.status.label}: {s.message[:200]}")
+    off = spoil is not None and spoil.kind == "off" and spoil.since > 1e-6 and setting.made.shape.rods
+    expect(not (off and setting.judge.sound and s.success), "a start off its constraints is taken")
+    passed = s.success and s.t.size and passed_over(setting, abs(s.t[-1] - s.t[0]))
+    expect(not passed, f"{s.status.label} beyond {spoil}")
+    lost = setting.must_succeed and not s.success and clear(setting, s)
+    expect(not lost, f"a sound and gentle case ends with {s.status.label}: {s.message[:200]}")
     if case.way.watch == "terminal" and s.status is Status.event:
         value = abs(setting.events[0].function(s.t[-1], s.q[-1], s.v[-1]))
         clock = 2 * EPS * float(np.abs(s.t).max() * np.abs(s.v[-1]).max())  # times are rounded
@@ -205,14 +197,8 @@ def clear(setting: Setting, s: Solution) -> bool:
     return resolved and all(judge.sigma(*place[:2]) > CLEAR for place in places)
 
 
-def moved(setting: Setting, s: Solution) -> None:
-    """That the rows follow the equations of motion, and energy does what it does."""
-    with np.errstate(all="ignore"):
-        own_equations(setting, s, 3)
-
-
 def own_equations(setting: Setting, s: Solution, count: int) -> bool:
-    """Whether ``count`` steps, or all, could be integrated anew; what is wrong is an AssertionError."""
+    """Whether ``count`` steps, or all, could be integrated anew; motion, reactions or energy that are wrong raise."""
     multipliers(setting, s)
     way = setting.case.way
     if s.steps_data is None or not setting.judge.sound or not way.declares or way.watch:
@@ -309,7 +295,7 @@ def energies(setting: Setting, s: Solution) -> None:
     if not judge.conserves or size > RESOLVED:
         return
     looked = [0, *some(s.t.size)]
-    change = np.array([judge.energy(float(s.t[i]), s.q[i], s.v[i]) for i in looked])
+    change = np.array([formulas.energy(judge.shape, judge.p, float(s.t[i]), s.q[i], s.v[i]) for i in looked])
     change -= change[0]
     fastest = float(np.abs(s.v).max())  # what a step misses of it is work, done with this speed
     momentum = judge.p.mass.sum() * max(judge.sizes[1], fastest)
@@ -320,6 +306,5 @@ def energies(setting: Setting, s: Solution) -> None:
         held = max(float(np.linalg.norm(judge.rows(float(s.t[i]), s.q[i])[-1] * s.mu[i, -1])) for i in looked)
         bound += held * (s.t.size - 1) * way.rtol**1.5 * max(judge.sizes[0], float(np.abs(s.q).max()))
     wrong = np.nonzero((change if damped else np.abs(change)) > bound)[0]
-    if wrong.size:
-        told = f"row {looked[wrong[0]]} of {s.t.size}: energy changes by {change[wrong[0]]:.1e} J"
-        expect(False, f"{told}, alpha = {way.options['alpha']:g}, of {bound:.1e} J that may be")
+    where = looked[wrong[0]] if wrong.size else ""
+    expect(not wrong.size, f"row {where} of {s.t.size}: energy changes by {change} J, of {bound:.1e} J that may be")

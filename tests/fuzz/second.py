@@ -11,9 +11,9 @@ every number is a little off, as a third one shows.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from contextlib import suppress
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,11 +42,7 @@ UNJUDGED = "cannot be judged: the second run does not arrive"
 SLIPS = "cannot be judged: prescribed steps pass over slips that friction lets grow back in time"
 
 
-class End(NamedTuple):
-    """Of a motion, or its rows."""
-
-    q: np.ndarray
-    v: np.ndarray
+End = namedtuple("End", "q v")  # of a motion, or its rows
 
 
 def second_opinion(setting: Setting, s: Solution) -> str:
@@ -54,7 +50,7 @@ def second_opinion(setting: Setting, s: Solution) -> str:
     if s.t.size < 2 or s.t[-1] == s.t[0]:
         return NOTHING
     with np.errstate(all="ignore"):
-        if is_untouched(setting) and own_equations(setting, s, EVERY):
+        if is_untouched(setting.case.spoil) and own_equations(setting, s, EVERY):
             return EQUATIONS
         length, _, time = units = plain_units(setting)
         plain, shake = plainly(setting, s, units), float(np.clip(setting.case.way.rtol, *SHAKEN))
@@ -79,9 +75,8 @@ def second_opinion(setting: Setting, s: Solution) -> str:
     return told_by if bound <= LITTLE else f"{told_by}{LOOSE}"
 
 
-def is_untouched(setting: Setting) -> bool:
+def is_untouched(spoil: Spoil | None) -> bool:
     """Whether motion and multipliers are those of the mechanism, whatever is wrong with the case."""
-    spoil = setting.case.spoil
     return spoil is None or spoil.kind in (*UNMET, "units") or (spoil.where == "force_jacobians" and spoil.kind != "off")
 
 

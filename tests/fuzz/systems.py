@@ -49,9 +49,12 @@ def derivatives(shape: Shape, p) -> dict:
     """What may be declared beside them, on NumPy arrays."""
     found = {"force_jacobians": partial(formulas.force_jacobians, shape, p)}
     if shape.rods:
-        found["constraint_jacobian"] = partial(formulas.jacobian, np, shape, p)
-        found["constraint_time_derivative"] = partial(formulas.time_derivative, np, shape, p)
-        found["constraint_acceleration"] = partial(formulas.curvature, np, shape, p)
+        of_rods = {
+            "jacobian": formulas.jacobian,
+            "time_derivative": formulas.time_derivative,
+            "acceleration": formulas.curvature,
+        }
+        found |= {f"constraint_{name}": partial(function, np, shape, p) for name, function in of_rods.items()}
     if shape.blade:
         found["velocity_constraint_jacobian"] = lambda t, q, v: formulas.blade_row(np, shape, p, q)
     return found

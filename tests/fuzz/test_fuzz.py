@@ -10,7 +10,7 @@ import pytest
 from tests.fuzz.cases import World, cases, drawn
 from tests.fuzz.explore import explore
 from tests.fuzz.liars import LIARS
-from tests.fuzz.mechanism import Mechanism, Shape
+from tests.fuzz.mechanism import PARAMETERS, Mechanism, Shape
 from tests.fuzz.oracles import energies
 from tests.fuzz.runs import Setting
 from tests.fuzz.second import slips
@@ -45,32 +45,11 @@ def test_a_solver_that_misleads_is_found(name):
 
 def hanging(v):
     """Two kilograms on a rod of half a metre, slowed by 0.3 of its tension from 0.1 m/s on, at rest or not."""
-    zero = np.zeros((1, 2))
-    numbers = {
-        "places": [[0.0, -0.5]],
-        "velocities": [[v, 0.0]],
-        "t0": 0.0,
-        "mass": [2.0],
-        "anchor": zero,
-        "gravity": [0.0, -10.0],
-        "scale": [7.0],
-        "length": [0.5],
-        "friction": 0.3,
-        "creep": 0.1,
-        "stiffness": [],
-        "natural": [],
-        "damper": [],
-        "drag": 0.0,
-        "growth": 0.0,
-        "swing": [0.0, 0.0],
-        "frequency": 0.0,
-        "along": [0.0, 0.0],
-        "turn": 0.0,
-        "speed": 0.0,
-        "blade_scale": 1.0,
-    }
+    given = {"places": [[0.0, -0.5]], "velocities": [[v, 0.0]], "anchor": [[0.0, 0.0]], "gravity": [0.0, -10.0]}
+    given |= {"mass": [2.0], "scale": [7.0], "length": [0.5], "friction": 0.3, "creep": 0.1}
+    none = dict.fromkeys(PARAMETERS, 0.0) | {name: [] for name in ("stiffness", "natural", "damper")}
     shape = Shape(dim=2, points=1, anchors=1, rods=((0, 1),), reaction="friction")
-    return Mechanism(shape, {name: np.asarray(x, dtype=float) for name, x in numbers.items()})
+    return Mechanism(shape, none | given)
 
 
 @pytest.mark.parametrize(("v", "rate"), [(0.0, 0.3 * 10.0 / 0.1), (0.1, 0.3 * (10.0 + 0.02) / 0.1 / np.sqrt(2.0))])

@@ -29,10 +29,6 @@ def _last_line(code: str) -> object:
     return json.loads(done.stdout.splitlines()[-1])
 
 
-def _loaded(code: str) -> object:
-    return _last_line(f"import json, sys\n{code}\nprint(json.dumps([name for name in {HEAVY} if name in sys.modules]))")
-
-
 HELP = """
 import click
 from hhtbench.cli import main
@@ -54,8 +50,9 @@ def test_the_list_and_the_help_of_every_command_load_no_heavy_library():
     assert {words: found for words, found in heavy.items() if found} == {}
 
 
-def test_a_system_is_declared_without_what_draws():
-    assert not {"matplotlib", "plotly"} & set(_loaded("import hhtbench as hb\nhb.System, hb.solve"))
+def test_a_system_is_declared_without_what_draws_and_without_plugins():
+    absent = "[name for name in ('matplotlib', 'plotly', 'solvers', 'problems') if name in sys.modules]"
+    assert _last_line(f"import json, sys, hhtbench as hb\nhb.System, hb.solve\nprint(json.dumps({absent}))") == []
 
 
 @pytest.mark.parametrize(

@@ -48,3 +48,4 @@ FURTHER = [  # other sizes, limits and singular choices
     ("rolling_disk3d_steady", {"m": 2.0, "R": 0.3, "g": 4.0, "theta": 0.5, "Om": 5.0, "j0": 0.3}),
     ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"] | {"stiffness": math.inf}),
 ]
+RANKS = {"heavy_top": 4, "rolling_sphere_table": 3, "bricard": 34, "flyball_governor": 24}  # of the rows of spatial ones

@@ -84,13 +84,15 @@ class Mechanics:
         position = declared(t, q, lam) if declared else -self.position_rows(t, q).T @ lam
         return np.asarray(position) - self.velocity_rows(t, q, v).T @ mu
 
-    def accelerations(self, t, q, v):
-        """(vdot, lam, mu) of the default reaction from the KKT system of the acceleration level."""
+    def accelerations(self, t, q, v, *, redundant=False):
+        """(vdot, lam, mu) of the default reaction from the KKT system; the shortest multipliers of ``redundant`` rows."""
         rows, bias, force = self._of(_acceleration_level, t, q, v)
         n, m = len(q), len(self.g(t, q))
         zero = np.zeros((len(rows), len(rows)))
         matrix = np.block([[self.mass(t, q), rows.T], [rows, zero]])
-        x = np.linalg.solve(matrix, np.concatenate([force, -bias]))
+        right = np.concatenate([force, -bias])
+        x = np.linalg.lstsq(matrix, right, rcond=1e-13)[0] if redundant else np.linalg.solve(matrix, right)
+        np.testing.assert_allclose(matrix @ x, right, rtol=0, atol=1e-11 * (np.abs(right).max() + np.abs(x).max()))
         return x[:n], x[n : n + m], x[n + m :]
 
 
@@ -107,14 +109,30 @@ def compiled(system):
     return SimpleNamespace(whole=system, **parts)
 
 
-def random_state(problem, system, t):
-    """A state near the start that satisfies the position constraints of both levels at ``t``."""
-    random, n = np.random.default_rng(7), problem.q0.size
+def measured(system):
+    """(q, v) -> (vdot, lam, g, g_q v, g_q) at t = 0, to set beside those in minimal coordinates."""
+    known = Mechanics(compiled(system))
+    levels = lambda q, v: (known.g(0.0, q), known.position_rate(0.0, q, v), known.position_rows(0.0, q))  # noqa: E731
+    return lambda q, v: [np.asarray(x) for x in (*known.accelerations(0.0, q, v)[:2], *levels(q, v))]
+
+
+def shortest(rows, right, rank=None):
+    """The shortest x with ``rows x = right``, rows beyond ``rank`` dependent but for roundoff and distance."""
+    U, sizes, V = np.linalg.svd(rows, full_matrices=False)
+    return V[:rank].T @ (U[:, :rank].T @ right / sizes[:rank])
+
+
+def consistent_state(problem, system, seed, rank=None):
+    """Random time, place near the start on the constraints and velocity that they admit."""
+    random, n = np.random.default_rng(seed), problem.q0.size
+    t = random.uniform(*problem.t_span)
     q = problem.q0 + 0.05 * problem.scales.q * random.standard_normal(n)
-    for _ in range(8):
-        q = q - np.linalg.lstsq(system.position_rows(t, q), np.asarray(system.g(t, q)), rcond=None)[0]
-    v = problem.v0 + 0.3 * problem.scales.v * random.standard_normal(n)
-    return q, v - np.linalg.lstsq(system.position_rows(t, q), system.position_rate(t, q, v), rcond=None)[0]
+    for _ in range(9):  # Gauss-Newton onto the position constraints
+        q = q - shortest(system.position_rows(t, q), np.asarray(system.g(t, q)), rank)
+    v = problem.v0 + problem.scales.v * random.standard_normal(n)
+    rows = np.vstack([system.position_rows(t, q), system.velocity_rows(t, q, v)])
+    drift = np.concatenate([system.position_rate(t, q, v).ravel(), np.asarray(system.k(t, q, v)).ravel()])
+    return t, q, v - shortest(rows, drift, rank)  # the constraints are linear in v
 
 
 def time_derivative(f, t, h):

@@ -2,8 +2,7 @@
 
 ``reference_values.json`` (strings keep more digits than a double) holds values certified elsewhere, most by extrapolation
 in 113-bit arithmetic.  Its layouts differ from problem to problem: full states, tips, angles, points, quaternions with the
-scalar first.  The tables ``PUBLISHED`` of the ``published_*.py`` beside this file say where each number stands in a state
-of ours.
+scalar first.  The tables of ``published_tables.py`` and ``published_chains.py`` say where each stands in a state of ours.
 """
 
 from __future__ import annotations

@@ -15,7 +15,6 @@ import jax
 import numpy as np
 import pytest
 
-from hhtbench.errors import NotFoundError
 from hhtbench.protocol import TAGS
 from hhtbench.registry import list_problems, load_problem
 from tests.problems.cases import CHANGED, FURTHER
@@ -187,10 +186,3 @@ def test_loading_one_problem_imports_no_other():
     assert imported.keys() == set(list_problems())
     others = {name: [m for m in modules if not m.startswith("problems._")] for name, modules in imported.items()}
     assert others == {name: [f"problems.{name}"] for name in list_problems()}
-
-
-@every_problem
-def test_misspelt_name_suggests_the_problem(name):
-    wrong = name[:3] + name[4:]
-    with pytest.raises(NotFoundError, match=rf"no problem named '{wrong}'\. Did you mean {name}\?"):
-        load_problem(wrong)

@@ -6,13 +6,13 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from tests.problems.mechanics import compiled, random_state
+from tests.problems.mechanics import compiled, consistent_state
 
 
 def test_fekete_multipliers_are_closed_on_every_state(make, mechanics):
     problem = make("fekete", n_points=5)
     system = mechanics(compiled(problem.system))
-    q, v = random_state(problem, system, 0.0)
+    _, q, v = consistent_state(problem, system, 7)
     lam = system.accelerations(0.0, q, v)[1]
     np.testing.assert_allclose(lam, -(4 / 2 + np.sum(v.reshape(5, 3) ** 2, axis=1)) / 2, rtol=1e-11)
     assert problem.observables["multiplier_error"](0.0, q, v, lam) < 1e-11

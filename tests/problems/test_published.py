@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 import solvers.hht.verify
-from hhtbench.registry import list_problems, load_problem
+from hhtbench.registry import list_problems
 from hhtbench.specs import parse_spec
 from problems import _common
-from tests.problems import published_chains, published_first, published_small, published_spatial, published_testset
-from tests.problems.published import ABOUT, NO_PROBLEM, STORED, State, closed
+from tests.problems import published_chains, published_tables
+from tests.problems.published import ABOUT, NO_PROBLEM, STORED, State
 
-PARTS = (published_first, published_testset, published_small, published_spatial, published_chains)
-PUBLISHED = {key: entry for part in PARTS for key, entry in part.PUBLISHED.items()}
+PUBLISHED = published_tables.PUBLISHED | published_chains.PUBLISHED
 QUANTITIES = ("q", "v", "lam", "mu")
 EPS = float(np.finfo(np.float64).eps)
 
@@ -124,27 +123,3 @@ def test_published_errors_of_the_method_are_those_that_its_verification_compares
     for case, alpha in zip(mine["pendulum"], ("0", "-0.3"), strict=True):
         for ours, theirs in {"step": "h", "y3": "err_y3", "z3": "err_z3"}.items():
             assert case[ours] == entry[f"pendulum_alpha{alpha}_b0"][theirs]
-
-
-CLOSED = {  # entry -> relative error of the closed solution in doubles; the first four print 20 digits
-    **dict.fromkeys(("jay_negrut_test1", "jay_negrut_pendulum", "knife_edge", "rolling_disk3d_steady"), 1e-13),
-    **dict.fromkeys(("clamped_bar_impact_N10", "clamped_bar_impact_N100"), 3e-12),
-    **dict.fromkeys(("hf_linear_constrained_K1e4", "hf_linear_constrained_K1e8"), 3e-12),
-    **dict.fromkeys((key for key in published_small.PUBLISHED if key != "kapitza_pendulum"), 1e-14),
-    **dict.fromkeys(("iftomm_A02_fourbar_N1", "iftomm_A02_fourbar_N2"), 1e-14),
-}
-
-
-def test_every_published_problem_with_a_closed_solution_is_compared_with_it():
-    assert {key for key, entry in PUBLISHED.items() if load_problem(entry.spec).exact is not None} == CLOSED.keys()
-
-
-@pytest.mark.parametrize("name", CLOSED)
-def test_closed_solution_agrees_with_the_published_values(name):
-    entry, published = STORED[name], PUBLISHED[name]
-    for key, function in published.values.items():
-        rows = [(t, numbers(row)[0]) for t, row in rows_of(entry, key, published)]
-        largest = max(1.0 if CLOSED[name] <= 1e-13 else 0.0, *(np.abs(row).max() for _, row in rows))
-        for t, theirs in rows:
-            ours = np.ravel(function(closed(published.spec)(float(t))))
-            np.testing.assert_allclose(ours, theirs, rtol=0, atol=CLOSED[name] * largest, err_msg=f"{key} at {t} s")

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 from tests.problems.published import STORED
-from tests.problems.published_small import PUBLISHED
+from tests.problems.published_tables import PUBLISHED
 
 
 def times(problem):

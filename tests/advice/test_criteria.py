@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hhtbench.advice.wish import Wish, accuracies_of
+from hhtbench.advice.criteria import Criteria, accuracies_of
 from hhtbench.errors import ProblemError
 
 
@@ -29,4 +29,4 @@ def test_what_is_no_error_is_refused_with_examples(text):
 
 
 def test_errors_are_sorted_and_each_once():
-    assert Wish(accuracies=(1e-4, 1e-2, 1e-4)).accuracies == (1e-2, 1e-4)
+    assert Criteria(accuracies=(1e-4, 1e-2, 1e-4)).accuracies == (1e-2, 1e-4)
