@@ -34,7 +34,7 @@ COMMANDS = {  # module, and the first sentence of the command's own help: the ov
     "reference": ("commands.reference", "Certified reference solutions with error bars."),
     "report": (
         "commands.report",
-        "Write the comparison of a campaign; a verification in the folder is shown with it.",
+        "Write the comparison of a campaign as a page; without --folder print its summary, at most 200 lines.",
     ),
     "run": (
         "commands.run",
