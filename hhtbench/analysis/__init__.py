@@ -3,7 +3,7 @@
 from hhtbench.analysis.accuracy import convergence
 from hhtbench.analysis.cells import by_problem, entries, points, problems
 from hhtbench.analysis.decision import decide
-from hhtbench.analysis.drift import drift_costs, drift_series, invariant_series
+from hhtbench.analysis.drift import drift_costs, drift_series
 from hhtbench.analysis.fronts import compare, fronts
 from hhtbench.analysis.kinds import kinds
 from hhtbench.analysis.outcomes import failures, newest, silent, statuses
@@ -19,7 +19,6 @@ __all__ = [
     "entries",
     "failures",
     "fronts",
-    "invariant_series",
     "kinds",
     "newest",
     "points",

@@ -80,6 +80,11 @@ class Point:
     absolute: float | None  #: largest |g_i| in its own unit
     note: str  #: why the acceleration level was not measured
 
+    @property
+    def drift(self) -> float | None:
+        """The larger of both levels, as far as they were measured."""
+        return max((value for value in (self.position, self.velocity) if value is not None), default=None)
+
     def work(self, measure: str) -> float | None:
         """``time`` [s] or ``evaluations``."""
         return self.time if measure == "time" else self.evaluations

@@ -86,23 +86,19 @@ def decide(
     held: float | None = None,
 ) -> tuple[Choice, ...]:
     """One choice for each kind and error; problems without constraints are left out where the drift is bounded."""
-    found = [front for front in fronts(rows, measure, targets, held) if _judged(front) and (held is None or front.levels)]
+    found = [
+        front
+        for front in fronts(rows, measure, targets, held)
+        if (front.levels or held is None)
+        and (front.costs or all(reason.kind != "unjudged" for reason in front.missing.values()))  # or nobody came so far
+    ]
     choices = []
     for kind, problems in kinds.items():
         for target in targets:
             own = [front for front in found if front.problem in problems and front.target == target]
-            if own:
-                choices.append(_choice(kind, own))
+            judged = tuple(front.problem for front in own)
+            choices += [Choice(kind=kind, target=target, problems=judged, places=places(own))] if own else []
     return tuple(choices)
-
-
-def _judged(front: Front) -> bool:
-    """Whether an error is known here, or nobody has come so far that it could be missing."""
-    return bool(front.costs) or all(reason.kind != "unjudged" for reason in front.missing.values())
-
-
-def _choice(kind: Kind, own: Sequence[Front]) -> Choice:
-    return Choice(kind=kind, target=own[0].target, problems=tuple(front.problem for front in own), places=places(own))
 
 
 def places(found: Sequence[Front]) -> tuple[Place, ...]:

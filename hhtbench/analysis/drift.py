@@ -37,23 +37,18 @@ def equally_accurate(rows: Iterable[RunRow], error: float = TYPICAL_ERROR) -> di
 
 
 def drift_series(rows: Iterable[RunRow], level: str) -> tuple[TimeSeries, ...]:
-    """Drift over time at one level (or energy), of the rows that kept any; the acceleration level where it was measured."""
+    """Over time, of the rows that kept any: drift at one level, change of energy, or of an invariant by its name."""
     if level == "acceleration":
         measured = [row for row in rows if point(row).acceleration is not None]
         return _series((row, row.series.get("acceleration") or {}, "value") for row in measured)
-    return _series((row, row.series.get("drift") or {}, level) for row in rows)
+    kept = [(row, row.series.get("drift") or {}) for row in rows]
+    return _series((row, {**(found.get("invariants") or {}), **found}, level) for row, found in kept)
 
 
 def invariant_names(rows: Iterable[RunRow]) -> tuple[str, ...]:
     """Invariants that some row kept over time."""
     found = [(row.series.get("drift") or {}).get("invariants") or {} for row in rows]
     return tuple(dict.fromkeys(name for names in found for name in names))
-
-
-def invariant_series(rows: Iterable[RunRow], name: str) -> tuple[TimeSeries, ...]:
-    """Relative change of one invariant over time."""
-    kept = [(row, row.series.get("drift") or {}) for row in rows]
-    return _series((row, {"t": found.get("t"), **(found.get("invariants") or {})}, name) for row, found in kept)
 
 
 def _series(found: Iterable[tuple[RunRow, Mapping[str, Any], str]]) -> tuple[TimeSeries, ...]:
@@ -115,8 +110,7 @@ def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ER
         if own is None:
             continue
         for cost in front.costs:
-            levels = [value for value in (cost.run.position, cost.run.velocity) if value is not None]
-            if levels:
-                line = DriftCost(problem=front.problem, cost=cost, own=own, drift=max(levels))
+            if cost.run.drift is not None:
+                line = DriftCost(problem=front.problem, cost=cost, own=own, drift=cost.run.drift)
                 found.setdefault(cost.entry, []).append(line)
     return {entry: tuple(lines) for entry, lines in found.items()}

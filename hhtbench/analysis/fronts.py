@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from hhtbench.analysis.cells import SUBJECT, Point, by_problem, family, points, problems
-from hhtbench.analysis.missing import UNKNOWN, UNREFINED, Missing, drifting, unjudged, why_missing
+from hhtbench.analysis.missing import UNKNOWN, UNREFINED, Missing, drifting, why_missing
 from hhtbench.store.rows import RunRow
 
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # achieved scaled errors, where the rows name none
@@ -167,7 +167,7 @@ def _front(
         if cost is not None:
             costs.append(cost)
         elif target < limit:
-            missing[entry] = unjudged(limit)
+            missing[entry] = Missing(kind="unjudged", text=f"the reference cannot judge errors below {limit:.0e}")
         elif held is not None and accurate:
             missing[entry] = drifting(accurate, held)
         else:

@@ -18,9 +18,7 @@ CONSTRAINTS = {  # by whether there are any of positions, and of velocities; in 
     (False, True): "velocity constraints",
     (False, False): "no constraints",
 }
-UNTOLD = (
-    "constraints not recorded"  # in no row: no solver has called the problem's functions, or an older hhtbench made them
-)
+UNTOLD = "constraints not recorded"  # no solver has called the problem's functions, or an older hhtbench made the rows
 NONLINEAR = "nonlinear reaction"  # the tag
 STIFFNESS = {False: "not tagged stiff", True: "tagged stiff", None: "stiffness not recorded"}
 

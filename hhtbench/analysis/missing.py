@@ -28,15 +28,10 @@ class Missing:
     bound: float | None = None  #: lower bound of the cost, s or evaluations: what the finest run took
 
 
-def unjudged(limit: float) -> Missing:
-    """The reference is not good enough."""
-    return Missing(kind="unjudged", text=f"the reference cannot judge errors below {limit:.0e}")
-
-
 def drifting(accurate: Sequence[Point], bound: float) -> Missing:
     """All of the runs that are ``accurate`` enough drift too far."""
-    least = [max(run.position or 0.0, run.velocity or 0.0) for run in accurate]
-    return Missing(kind="drifts", text=f"drifts by {min(least):.1e} or more, above {bound:.0e}")
+    least = min(run.drift or 0.0 for run in accurate)
+    return Missing(kind="drifts", text=f"drifts by {least:.1e} or more, above {bound:.0e}")
 
 
 def why_missing(runs: Sequence[Point], measure: str) -> Missing:

@@ -12,9 +12,8 @@ from hhtbench.analysis.cells import DOUBTED, by_entry, point
 from hhtbench.store.rows import RunRow
 
 ASKED = ("rtol", "atol", "step", "steps")  # what makes two requests the same point of a curve
-NUMBER = re.compile(
-    r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w])"
-)  # alone: no part of RK45; no exit code
+# Alone: no part of RK45; no exit code.
+NUMBER = re.compile(r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(?![\w])")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,14 +37,6 @@ class Failure:
         return max((value for value in known if value is not None), default=None)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Machine:
-    """One environment and how many rows were made in it."""
-
-    environment: Mapping[str, Any]
-    rows: int
-
-
 def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
     """Solvers that have successful runs and report the evaluations of none."""
     groups = by_entry(point(row) for row in rows if row.success)
@@ -67,11 +58,11 @@ def statuses(rows: Iterable[RunRow]) -> dict[str, int]:
     return dict(Counter(row.status for row in rows).most_common())
 
 
-def machines(rows: Sequence[RunRow]) -> tuple[Machine, ...]:
-    """The environments that occur, most rows first."""
+def machines(rows: Sequence[RunRow]) -> list[tuple[Mapping[str, Any], int]]:
+    """The environments that occur and how many rows were made in each, most rows first."""
     kept = {str(sorted(row.environment.items())): row.environment for row in rows}
     counted = Counter(str(sorted(row.environment.items())) for row in rows)
-    return tuple(Machine(environment=kept[text], rows=count) for text, count in counted.most_common())
+    return [(kept[text], count) for text, count in counted.most_common()]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -81,8 +81,7 @@ def _against_drift(rows: Sequence[RunRow]) -> Chart | None:
 
 
 def _drift(run: Point) -> float | None:
-    known = [value for value in (run.position, run.velocity) if value is not None]
-    return max(max(known), LEAST_DRIFT) if known else None
+    return None if run.drift is None else max(run.drift, LEAST_DRIFT)
 
 
 def _error(run: Point) -> float | None:

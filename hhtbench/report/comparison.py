@@ -39,25 +39,10 @@ BESIDE = {SPEED: "machine speed", WEIGHT: "the weight b", STABILITY: "stability 
 def write_comparison(
     rows: Sequence[RunRow], folder: Path, command: str, evidence: Evidence | None = None, losses: str = ""
 ) -> Content:
-    """Write ``index.html`` and ``summary.md`` into ``folder``, which is made when it is missing.
+    """Write ``index.html`` and ``summary.md`` into ``folder``, which is made when it is missing, and return what they say.
 
-    Parameters
-    ----------
-    rows
-        The campaign's rows, failed ones included.
-    folder
-        Where the files go; files of an earlier report are replaced.
-    command
-        The command that made the report, printed so that a reader can repeat it.
-    evidence
-        A verification whose verdict both show.
-    losses
-        What of the rows could not be read, in words; both begin with it.
-
-    Returns
-    -------
-    Content
-        What was written.
+    Both show the verdict of ``evidence``, a verification, the ``command`` that a reader can repeat, and begin with
+    ``losses``, what of the rows could not be read.
 
     Raises
     ------

@@ -120,7 +120,7 @@ def _part(name: str, rows: Sequence[RunRow], whole: Campaign) -> Part:
 def environments(rows: Sequence[RunRow]) -> list[str]:
     """Machine and versions: a line for each environment that the rows came from, the commonest first."""
     found = machines(rows)
-    lines = [{**({"rows": one.rows} if len(found) > 1 else {}), **one.environment} for one in found]
+    lines = [{**({"rows": count} if len(found) > 1 else {}), **environment} for environment, count in found]
     return [", ".join(f"{name} {value}" for name, value in line.items()) for line in lines] or ["Not recorded."]
 
 

@@ -86,7 +86,8 @@ def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
             for bound in BOUNDS if measure == "time" else BOUNDS[:1]:
                 own = [line for line in compared[bound] if (line.problem, line.measure) == (problem, measure)]
                 if own:
-                    lines.setdefault(tuple(map(_rival, own)), []).append(_bound(bound))
+                    cells = tuple(_verdict(line)._replace(detail=behind(line)) for line in own)
+                    lines.setdefault(cells, []).append(_bound(bound))
             body += [[problem, SHORT[measure], ", ".join(bounds), *cells] for cells, bounds in lines.items()]
     headers = ["problem", "by", "drift", *(f"error {target:.0e}" for target in whole.targets)]
     note = (
@@ -94,10 +95,6 @@ def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
         f"drift; evaluations whatever the drift. {uncounted(analysis.silent(rows))}"
     )
     return make_table(headers, body, note)
-
-
-def _rival(line: Comparison) -> Cell:
-    return _verdict(line)._replace(detail=behind(line))
 
 
 def _verdict(line: Comparison) -> Cell:

@@ -133,10 +133,8 @@ def _subject(choice: Choice, ranked: Sequence[Place], level: float) -> Cell:
 def _cheaper(ranked: Sequence[Place], level: float) -> str | Cell:
     """Who is farthest below the cheapest, which reaches others, where both get there, by more than level."""
     first = ranked[0]
-    beside = [(place, place.over(first)) for place in ranked[1:]]
-    cheaper = [
-        (ratio.value, place, ratio) for place, ratio in beside if ratio and not ratio.at_least and ratio.value * level < 1
-    ]
+    beside = [(place, ratio) for place in ranked[1:] if (ratio := place.over(first)) and not ratio.at_least]
+    cheaper = [(ratio.value, place, ratio) for place, ratio in beside if ratio.value * level < 1]
     if not cheaper:
         return NOTHING
     _, place, ratio = min(cheaper, key=lambda found: found[0])

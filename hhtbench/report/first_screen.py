@@ -14,7 +14,7 @@ from hhtbench.report.content import Content
 from hhtbench.report.decisions import evidence_anchor, told
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
-from hhtbench.report.overview import View, drift_views, profile_views
+from hhtbench.report.overview import drift_views, profile_views
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor
 from hhtbench.report.words import SHORT
@@ -55,11 +55,8 @@ def overview(content: Content, styles: Mapping[str, SolverStyle], drawings: Draw
         "Drift against cost at equal accuracy": drift_views(content.rows, styles),
         "Errors reached within a cost": profile_views(content.rows, styles, front),
     }
-    return "\n".join(figure_of(title, title, _named(views), drawings) for title, views in found.items() if views)
-
-
-def _named(views: list[View]) -> dict[str, tuple[Any, str]]:
-    return {view.name: (view.figure, view.caption) for view in views}
+    named = {title: {view.name: (view.figure, view.caption) for view in views} for title, views in found.items()}
+    return "\n".join(figure_of(title, title, views, drawings) for title, views in named.items() if views)
 
 
 def figure_of(identifier: str, title: str, views: Mapping[str, tuple[Any, str]], drawings: Drawings) -> str:

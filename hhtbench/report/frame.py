@@ -92,8 +92,8 @@ def make_frame(chart: Chart) -> Frame:
     ys += [min(mark.y, highest) for mark in chart.marks if mark.y is not None]
     if chart.limit_matters:
         ys.append(chart.limit)
-    x = _limits(xs, chart.logarithmic_x, MARGIN if chart.logarithmic_x else 0.0)
-    y = _limits(ys, chart.logarithmic_y, MARGIN)
+    x = limits(xs, chart.logarithmic_x, MARGIN if chart.logarithmic_x else 0.0)
+    y = limits(ys, chart.logarithmic_y, MARGIN)
     rows = _rows(chart, x)
     strip = BAND * max(LEAST_ROWS, *rows.values()) if rows else 0.0
     heights = {mark: (row - 0.5) / max(LEAST_ROWS, *rows.values()) for mark, row in rows.items()}
@@ -115,7 +115,8 @@ def _rows(chart: Chart, limits: tuple[float, float]) -> dict[EdgeMark, int]:
     return rows
 
 
-def _limits(values: list[float], logarithmic: bool, margin: float) -> tuple[float, float]:
+def limits(values: list[float], logarithmic: bool, margin: float) -> tuple[float, float]:
+    """Least and largest of the values with room; their exponents of ten on a logarithmic axis."""
     if logarithmic:
         values = [math.log10(value) for value in values if value > 0 and math.isfinite(value)]
     if not values:

@@ -17,6 +17,7 @@ from hhtbench.analysis.profile import Profile, Reach, relative_profiles
 from hhtbench.report import colours
 from hhtbench.report.chart import axis, layout_of, rounded
 from hhtbench.report.colours import SolverStyle
+from hhtbench.report.frame import limits
 from hhtbench.report.series import LEAST_DRIFT
 from hhtbench.report.words import listed, plural, short, weighed
 from hhtbench.store.rows import RunRow
@@ -75,8 +76,8 @@ def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles
     medians = {entry: _median(lines) for entry, lines in found.items()}
     most = _count(found)
     everything = [line for lines in found.values() for line in lines]
-    x = _limits(math.log10(line.ratio) for line in everything)
-    y = _limits(math.log10(max(line.drift, LEAST_DRIFT)) for line in everything)
+    x = _limits(line.ratio for line in everything)
+    y = _limits(max(line.drift, LEAST_DRIFT) for line in everything)
     names = {entry: short(entry) + f", {len(own)} of {most}" * (len(own) < most) for entry, own in found.items()}
     places = _label_places({entry: names[entry] for entry in _named(medians)}, medians, (x, y))
     own = [entry for entry in styles if entry in found]
@@ -218,7 +219,7 @@ def _profile_figure(
     drawn: Sequence[tuple[Sequence[Profile], float]], label: str, styles: Styles, front: Sequence[str]
 ) -> dict[str, Any]:
     costs = [cost for found, _ in drawn for profile in found for cost in profile.cost]
-    x = _limits(map(math.log10, costs))
+    x = _limits(costs)
     data = []
     for found, opacity in drawn:
         known = {profile.entry: profile for profile in found}
@@ -243,8 +244,5 @@ def _staircase(profile: Profile, style: SolverStyle, opacity: float, end: float)
     }
 
 
-def _limits(exponents: Iterable[float]) -> list[float]:
-    known = list(exponents)
-    low, high = (min(known), max(known)) if known else (0.0, 1.0)
-    room = ROOM * max(high - low, 1.0)
-    return [low - room, high + room]
+def _limits(values: Iterable[float]) -> list[float]:
+    return list(limits(list(values), True, ROOM))

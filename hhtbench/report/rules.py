@@ -15,15 +15,8 @@ from hhtbench.store.rows import RunRow
 def rules(rows: Sequence[RunRow]) -> list[str]:
     """One sentence or two for each rule."""
     runs = analysis.points(rows)
-    parts = [
-        *_ladder(runs),
-        _targets(runs),
-        _references(rows, runs),
-        _coordinates(runs),
-        _drift(),
-        *_clock(rows, runs),
-    ]
-    return [*parts, _held_out(runs)]
+    made = [*_ladder(runs), _targets(runs), _references(rows, runs), _coordinates(runs)]
+    return [*made, _drift(), *_clock(rows, runs), _held_out(runs)]
 
 
 def campaign_told(rows: Sequence[RunRow]) -> str:

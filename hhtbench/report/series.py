@@ -28,12 +28,10 @@ def charts_over_time(rows: Sequence[RunRow]) -> list[Chart]:
     keys = {run.key for run in chosen}
     own = [row for row in rows if row.key in keys]
     charts = [_of_level(chosen, own, level) for level in LEVELS]
-    energy: dict[str, Any] = {"id": "drift-energy", "view": "energy", "title": "Change of energy over time"}
-    charts.append(_chart(chosen, analysis.drift_series(own, "energy"), **energy, y_label="scaled change of energy"))
-    for name in invariant_names(own):
-        invariant: dict[str, Any] = {"id": f"invariant-{name}", "view": name, "title": f"Change of {name} over time"}
-        series = analysis.invariant_series(own, name)
-        charts.append(_chart(chosen, series, **invariant, y_label=f"relative change of {name}"))
+    for name in ("energy", *invariant_names(own)):
+        kind, unit = ("drift", "scaled") if name == "energy" else ("invariant", "relative")
+        named: dict[str, Any] = {"id": f"{kind}-{name}", "view": name, "title": f"Change of {name} over time"}
+        charts.append(_chart(chosen, analysis.drift_series(own, name), **named, y_label=f"{unit} change of {name}"))
     for name in SYMBOLS:
         charts.append(_of_multipliers(chosen, multiplier_series([row for row in own if row.success], name), name))
     return [chart for chart in charts if chart is not None]

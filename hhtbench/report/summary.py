@@ -81,12 +81,9 @@ def _balance(compared: Mapping[float | None, Sequence[Comparison]], measure: str
     if not parts:
         return f"By {MEASURES[measure]}, nothing can be compared: HHT and another solver never reach the same error."
     judged = [line for line in compared[None] if line.measure == measure and line.factor is not None]
-    worst = [line for line in judged if line.outcome == "loses"]
-    best = [line for line in judged if line.outcome == "wins"]
     text = f"By {MEASURES[measure]}, the best HHT entry against the cheapest of all others at the same achieved error. "
     text += f"{'. '.join(sentence[0].upper() + sentence[1:] for sentence in parts)}. "
-    text += _extreme(worst, "loses") if worst else ""
-    text += _extreme(best, "wins") if best else ""
+    text += "".join(_extreme([line for line in judged if line.outcome == verb], verb) for verb in ("loses", "wins"))
     return text.strip()
 
 
@@ -112,17 +109,13 @@ def _held_out(rows: Sequence[RunRow]) -> str:
     return f"On the {count} that {'was' if len(names) == 1 else 'were'} held out, by {MEASURES['time']}, HHT {_tally(own)}."
 
 
-def _extreme(lines: Sequence[Comparison], name: str) -> str:
-    line = max(lines, key=dearer)
-    if line.subject is None or line.rival is None:
+def _extreme(lines: Sequence[Comparison], verb: str) -> str:
+    line = max(lines, key=dearer, default=None)
+    if line is None or line.subject is None or line.rival is None:
         return ""
-    where = f"on {line.problem} at error {line.target:.0e}"
-    mine, other = line.subject.entry, line.rival.entry
-    if name == "loses":
-        text = f"It loses most {where}: {mine} needs {factor(line)} the {MEASURES[line.measure]} of {other}"
-    else:
-        text = f"It wins most {where}: {other} needs {factor(line)} the {MEASURES[line.measure]} of {mine}"
-    return f"{text}. "
+    cheap, dear = (line.subject, line.rival) if verb == "wins" else (line.rival, line.subject)
+    needs = f"{dear.entry} needs {factor(line)} the {MEASURES[line.measure]} of {cheap.entry}"
+    return f"It {verb} most on {line.problem} at error {line.target:.0e}: {needs}. "
 
 
 def _sentence(lines: Sequence[Comparison], measure: str) -> str:
@@ -205,13 +198,12 @@ def _caveats(rows: Sequence[RunRow]) -> str:
 def _times(runs: Sequence[Point]) -> list[str]:
     """How far the times can be trusted."""
     timed = [run for run in runs if run.time is not None]
-    beside, disturbed = [run for run in timed if not run.alone], [run for run in timed if run.disturbed]
+    counted = {
+        "were taken beside other work: upper bounds": sum(not run.alone for run in timed),
+        f"are marked *: {STAR}": sum(run.disturbed for run in timed),
+    }
+    parts = [f"{number} of {plural(len(timed), 'time')} {text}." for text, number in counted.items() if number]
     shares = [run.share for run in timed if run.share is not None]
-    parts = []
-    if beside:
-        parts.append(f"{len(beside)} of {plural(len(timed), 'time')} were taken beside other work: upper bounds.")
-    if disturbed:
-        parts.append(f"{len(disturbed)} of {plural(len(timed), 'time')} are marked *: {STAR}.")
     if shares:
         parts.append(f"Processor time over wall time of the timed solves, median: {median(shares):.2f}.")
     return parts

@@ -17,16 +17,7 @@ from hhtbench.report.wording import anchor, duration, verdict
 
 
 def write_report(evidence: Evidence, folder: Path, command: str) -> None:
-    """Write the three files into ``folder``, which is made when it is missing.
-
-    Parameters
-    ----------
-    evidence
-        What was measured.
-    folder
-        Where the files go; files of an earlier report are replaced.
-    command
-        The command that made the report, printed so that a reader can repeat it.
+    """Write the three files into ``folder``, which is made when it is missing; ``command`` is what a reader can repeat.
 
     Raises
     ------

@@ -26,12 +26,6 @@ def test_cost_between_two_runs_of_a_power_law_lies_on_the_law(target):
         assert not front.costs[0].bound
 
 
-def test_front_is_cheapest_first():
-    rows = [*law("slow", 90.0, 2), *law("fast", 50.0, 4), *law("between", 60.0, 3)]
-    (front,) = fronts(rows, "evaluations", [1e-4])
-    assert [cost.entry for cost in front.costs] == ["fast", "between", "slow"]
-
-
 def test_cost_of_a_solver_that_is_better_than_asked_is_an_upper_bound():
     (front,) = fronts([run("ida", 1e-3, 1e-6, 100)], "evaluations", [1e-2])
     assert (front.costs[0].value, front.costs[0].bound) == (100, True)

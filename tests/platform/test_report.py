@@ -11,7 +11,7 @@ import plotly.graph_objects as go
 import pytest
 
 from hhtbench.errors import ProblemError
-from hhtbench.evidence import SCHEMA, Curve, Evidence, Plot, Row
+from hhtbench.evidence import SCHEMA, Curve, Evidence, Plot, Row, read_evidence
 from hhtbench.report import write_report
 from hhtbench.report.colours import PALETTE, plot_style, style_numbers
 from hhtbench.report.figures import figure as made
@@ -191,3 +191,18 @@ def test_evidence_of_library_scalars_and_of_nan_is_valid_json(tmp_path):
 
     found = json.loads((tmp_path / "e.json").read_text(), parse_constant=refuse)
     assert [(row["measured"], row["passed"]) for row in found["rows"]] == [(0.5, True), ("nan", False)]
+
+
+def test_evidence_comes_back_as_it_was_written(tmp_path):
+    EVIDENCE.write_json(tmp_path / "e.json")
+    found = read_evidence(tmp_path / "e.json")
+    assert (found.title, found.rows, found.environment) == (EVIDENCE.title, EVIDENCE.rows, EVIDENCE.environment)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{}", json.dumps({"schema": "other/1", "title": "", "rows": [], "environment": {}})]
+)
+def test_file_that_is_no_evidence_is_explained(text, tmp_path):
+    (tmp_path / "e.json").write_text(text)
+    with pytest.raises(ProblemError, match=r"verify again|Verify again"):
+        read_evidence(tmp_path / "e.json")

@@ -1,12 +1,13 @@
 """The summary's sentences computed once more from the rows, by other means than the analysis; nothing of it is imported.
 
-The decision table: :mod:`tests.report.independent_table`; the figures: :mod:`tests.report.independent_figures`.
+So is the order of solvers in the table to decide by.
 """
 
 from __future__ import annotations
 
 import math
 import re
+import statistics
 from collections import Counter, defaultdict
 
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
@@ -148,6 +149,17 @@ class Truth:
         held = sum(max(values) <= 1e-10 for values in others.values())
         largest = max((max(values) for values in others.values()), default=None)
         return max(own, default=None), (held, len(others)), largest
+
+    def order(self, problems, target, measure, bound):
+        """Who reaches the most of ``problems`` first, of these the cheapest: solver, number, geometric mean of the costs."""
+        problems = [p for p in problems if target >= self.limit(p) and (bound is None or self.constrained(p))]
+        judged = [p for p in problems if all("errors" in r.metrics for g in self.groups[p].values() for r in g if r.success)]
+        found = []
+        for solver in dict.fromkeys(solver for problem in judged for solver in self.groups[problem]):
+            costs = [self.cost(self.groups[p].get(solver, ()), target, measure, bound) for p in judged]
+            costs = [cost for cost in costs if cost is not None]
+            found.append((solver, len(costs), statistics.geometric_mean(costs) if costs else math.inf))
+        return sorted(found, key=lambda one: (-one[1], float(f"{one[2]:.9e}")))
 
 
 TALLY = r"wins (\d+), loses (\d+) and is level in (\d+) of (\d+) comparisons?"

@@ -141,17 +141,9 @@ def test_run_without_any_error_stands_at_the_bottom():
 
 def test_marks_in_the_strip_do_not_hide_one_another():
     marks = tuple(EdgeMark(entry=f"s{i}", status="deadline", text="", x=1.0 + i / 1000) for i in range(6))
-    chart = Chart(
-        id="c",
-        group="",
-        view="",
-        title="",
-        caption="",
-        x_label="",
-        y_label="",
-        traces=(Trace(entry="s0", x=(0.1, 100.0), y=(1.0, 1e-6), text=("", "")),),
-        marks=marks,
-    )
+    texts = dict.fromkeys(("id", "group", "view", "title", "caption", "x_label", "y_label"), "")
+    curve = Trace(entry="s0", x=(0.1, 100.0), y=(1.0, 1e-6), text=("", ""))
+    chart = Chart(**texts, traces=(curve,), marks=marks)
     figure = _drawn(chart)
     heights = [math.log10(trace.y[0]) for trace in figure.data if trace.mode == "markers"]
     span = np.ptp(figure.layout.yaxis.range)

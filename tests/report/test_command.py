@@ -6,8 +6,6 @@ import pytest
 from click.testing import CliRunner
 
 from hhtbench.cli import main
-from hhtbench.errors import ProblemError
-from hhtbench.evidence import read_evidence
 from hhtbench.store import Store
 
 
@@ -77,18 +75,3 @@ def test_report_of_a_missing_store_is_explained(tmp_path):
     result = CliRunner().invoke(main, ["report", "--store", str(tmp_path / "no.sqlite"), "--folder", str(tmp_path)])
     assert result.exit_code == 2
     assert "there is no store" in result.output
-
-
-def test_evidence_comes_back_as_it_was_written(evidence, tmp_path):
-    evidence.write_json(tmp_path / "e.json")
-    found = read_evidence(tmp_path / "e.json")
-    assert (found.title, found.rows, found.environment) == (evidence.title, evidence.rows, evidence.environment)
-
-
-@pytest.mark.parametrize(
-    "text", ["", "[]", "{}", json.dumps({"schema": "other/1", "title": "", "rows": [], "environment": {}})]
-)
-def test_file_that_is_no_evidence_is_explained(text, tmp_path):
-    (tmp_path / "e.json").write_text(text)
-    with pytest.raises(ProblemError, match=r"verify again|Verify again"):
-        read_evidence(tmp_path / "e.json")

@@ -51,12 +51,6 @@ def two_problems(solver, first, second):
     return [*law(solver, first, 2), *law(solver, second, 2, problem="andrews")]
 
 
-def test_who_misses_a_problem_stands_behind_with_the_ratio_of_those_that_both_reach():
-    rows = [*two_problems("hht", 400.0, 400.0), *law("ida", 100.0, 2), failed("ida", 1e-4, problem="andrews")]
-    line = told(rows, problems=BOTH)[0]
-    assert line[2:4] == ["hht | 40 ms", f"ida | {times(0.25)} on 1, reaches 1 of 2, failed on 1"]
-
-
 def test_who_reaches_less_is_not_the_cheapest_but_told_where_he_is_cheaper():
     rows = [*two_problems("ida", 5000.0, 5000.0), *law("hht", 1.0, 2), failed("hht", 1e-4, problem="andrews")]
     line = told(rows, problems=BOTH)[0]
@@ -157,13 +151,6 @@ def test_drift_figure_has_a_point_for_each_problem_and_the_median_large():
     assert drift_views([row for row in rows if row.solver == "ida"], solver_styles(["ida"])) == []
 
 
-def test_drift_figure_needs_no_drift_of_hht():
-    rows = [*law("hht", 100.0, 2), *law("ida", 50.0, 2, drift=1e-9)]
-    (view, *_) = drift_views(rows, solver_styles(["hht", "ida"]))
-    assert not _traces(view, "hht")
-    assert _traces(view, "ida")[0]["x"] == [0.5]
-
-
 def test_drift_figure_leaves_out_costs_that_are_only_bounds_and_says_whose():
     rows = [*law("hht", 100.0, 2, drift=1e-15), run("ida(form=ggl)", 1e-3, 1e-6, 100)]
     rows[-1].metrics["drift"] = {"position": 1e-9, "velocity": 1e-9}
@@ -188,14 +175,6 @@ def test_profiles_say_of_a_crash_what_it_counts_only_where_it_does():
     assert "crashed" not in by_count.caption
     assert "in no pale curve: a run before reported no cost" in by_count.caption
     assert "in no pale curve" not in by_time.caption
-
-
-def test_profile_tells_how_many_pairs_the_pale_curves_lack():
-    rows = [failed("ida", 1e-1), run("ida", 1e-3, 1e-3, 900), *law("hht", 100.0, 2)]
-    count = sum(reach.cost is not None and reach.search is None for reach in analysis.reaches(rows, "evaluations"))
-    assert count > 1
-    views = {view.name: view.caption for view in profile_views(rows, solver_styles(["hht", "ida"]), [])}
-    assert f"{count} reached pairs in no pale curve" in views["evaluations"]
 
 
 def test_profile_has_a_strong_curve_and_a_pale_one_with_the_search_which_costs_more(rows):

@@ -193,13 +193,6 @@ def test_no_name_of_a_solver_opens_a_script_inside_a_chart(rows, tmp_path):
     assert "<!--" not in text  # a browser reads "<!--<script>" as a script within the script
 
 
-def test_disturbed_time_is_marked_where_solvers_are_ranked():
-    rows = [replace(row, timing={**row.timing, "disturbed": True}) for row in law("ida", 25.0, 2)]
-    found = contest.cheapest([*law("hht", 100.0, 2), *rows])
-    assert [cell.text for cell in found.rows[3][2:4]] == ["ida 25 ms*", "hht 100 ms"]
-    assert "*: the process waited" in found.note
-
-
 def test_one_who_has_no_cost_is_named_and_several_are_counted():
     missing = [failed("ida(form=ggl)", 1e-4), failed("rattle", 1e-4)]
     told = [contest.cheapest([*law("hht", 100.0, 2), *missing[:n]]).rows[0][-1].text for n in (1, 2)]

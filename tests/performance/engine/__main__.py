@@ -52,7 +52,7 @@ def main(arguments: list[str]) -> int:
             sys.stderr.write(f"{name}: {time.monotonic() - started:.0f} s since the start\n")
     speed["seconds"] = time.monotonic() - started
     (asked.folder / "speed.json").write_text(json.dumps(plain(speed), indent=1), encoding="utf-8")
-    (asked.folder / "speed.html").write_text(page(speed), encoding="utf-8")
+    (asked.folder / "speed.html").write_text(page(speed, compared=(asked.folder / "index.html").is_file()), encoding="utf-8")
     sys.stdout.write(printed(speed) + f"\nwritten: {asked.folder / 'speed.html'}\n")
     return FAILED if any(line["verdict"] == BROKEN for name in SECTIONS for line in speed.get(name, ())) else 0
 

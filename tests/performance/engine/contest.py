@@ -107,8 +107,7 @@ def _side(cost: Cost | None) -> Line | None:
     """What a table shows of a cost, in seconds of the campaign."""
     if cost is None:
         return None
-    drifts = [drift for drift in (cost.run.position, cost.run.velocity) if drift is not None]
-    return {"entry": cost.entry, "seconds": cost.value, "bound": cost.bound, "drift": max(drifts, default=None)}
+    return {"entry": cost.entry, "seconds": cost.value, "bound": cost.bound, "drift": cost.run.drift}
 
 
 def _why(front: Front, ours: Cost | None) -> str:

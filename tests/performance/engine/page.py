@@ -62,7 +62,7 @@ PAGE = """\
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <meta name="color-scheme" content="light dark"><title>$title</title><style>$style</style></head>
 <body><h1>$title</h1>
-<p class="note">$made <a href="index.html">The comparison</a>, <a href="speed.json">all numbers</a>.</p>
+<p class="note">$made <a href="speed.json">All numbers</a>$comparison.</p>
 $sections
 $scripts</body></html>
 """
@@ -150,8 +150,8 @@ def _text(table: Table) -> str:
     return f"{text}\n{table.note}" if table.note else text
 
 
-def page(speed: Line) -> str:
-    """The text of ``speed.html``."""
+def page(speed: Line, compared: bool = False) -> str:
+    """The text of ``speed.html``; ``compared``: the comparison lies beside it."""
     drawings, report = Drawings(), files("hhtbench.report")
     style = Template(report.joinpath("comparison.css").read_text(encoding="utf-8"))
     parts = [f"<p>{escape(INTERVAL)}</p>"]
@@ -170,6 +170,7 @@ def page(speed: Line) -> str:
         title=escape(TITLE),
         style=style.substitute(font=colours.FONT, text=colours.TEXT, height=400),
         made=escape(f"Measured by make bench-engine on {speed['created'][:10]}, side by side in one run. {environment}."),
+        comparison=', <a href="index.html">the comparison</a>' if compared else "",
         sections="\n".join(parts),
         scripts=drawings.scripts(report.joinpath("draw_all.js").read_text(encoding="utf-8")),
     )
