@@ -57,8 +57,8 @@ class Command(click.Command):
         """Call the function, write text and file, leave with the exit code."""
         file = ctx.params.pop("json_file")
         found: Found = super().invoke(ctx)
-        if str(found.text):
-            click.echo(found.text)
+        if text := str(found.text):
+            click.echo(text)
         write_json(found.facts, file)
         if found.error:
             click.echo(f"Error: {found.error}", err=True)
@@ -88,16 +88,6 @@ def write_json(value: Any, file: Path | None) -> None:
 
         require_folder(file)
         file.write_text(json.dumps(plain(value), indent=1, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def conclude(evidence: Evidence, json_file: Path | None) -> NoReturn:
-    """Table, file and summary line; leave with 1 where a claim fails."""
-    click.echo(evidence.table())
-    if json_file is not None:
-        require_folder(json_file)
-        evidence.write_json(json_file)
-    click.echo(f"\n{evidence.summary}")
-    sys.exit(0 if evidence.passed else FAILED)
 
 
 def require_folder(file: Path | None) -> None:

@@ -58,47 +58,18 @@ def test_what_a_pair_runs_next_follows_from_its_rows_and_a_resumed_campaign_runs
     assert again.cells == first.cells
 
 
-class OneFirst(Immediate):
-    """Answers the solver "told"; the others wait until they are let go."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.held: list[tuple[Future[Any], Future[Any]]] = []
-
-    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
-        done = super().submit(fn, *args, **kwargs)
-        if args[0].solver == "told":
-            return done
-        self.held.append((Future(), done))
-        return self.held[-1][0]
-
-    def let_go(self) -> None:
-        while self.held:
-            future, done = self.held.pop()
-            future.set_result(done.result())
-
-
 def test_what_is_left_is_estimated_from_the_pairs_that_have_finished(tmp_path: Path):
-    """Pairs of four cells each: once the first has finished, twelve are expected, though six have been asked for."""
-    executor, told = OneFirst(), []
+    """Three pairs of four cells each: once the first, which asks for all at once, has finished, twelve are expected."""
+    told: list[tuple[int, int]] = []
 
-    def tell(part: str, done: int, total: int) -> None:
-        told.append((done, total))
-        if done >= MOST:
-            executor.let_go()
-
-    def refined(solver: str) -> Any:
-        return lambda rows: [
-            replace(found, key=f"{solver} {found.key}", identity=f"{solver} {found.identity}", solver=solver)
-            for found in refine(rows)
-        ]
+    def of(solver: str, found: Sequence[Cell]) -> list[Cell]:
+        return [replace(c, key=f"{solver} {c.key}", identity=f"{solver} {c.identity}", solver=solver) for c in found]
 
     with Store(tmp_path / "runs.db") as store:
-        asks = {("fall", solver): refined(solver) for solver in ("told", "second", "third")}
-        AccuracyPass(asks, store, executor, tell).run()
-    assert told[:5] == [(0, 3), (1, 4), (2, 5), (3, 6), (4, 12)]
-    assert told[-1] == (12, 12)
-    assert all(done <= total for done, total in told)
+        asks = {("fall", solver): lambda rows, solver=solver: of(solver, refine(rows)) for solver in ("second", "third")}
+        asks["fall", "first"] = lambda rows: [] if rows else of("first", [cell(10.0**-k) for k in range(MOST)])
+        AccuracyPass(asks, store, Immediate(), lambda _, *counts: told.append(counts)).run()
+    assert told == [(0, 6), (6, 12), (8, 12), (10, 12), (12, 12)]
 
 
 def test_the_pool_is_an_executor_of_one_function_and_says_so():

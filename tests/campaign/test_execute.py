@@ -40,6 +40,17 @@ ENDS = {
     "empty": "unreliable",
     "short": "unreliable",
 }
+SAID = {
+    "segv": "signal SIGSEGV.*misbehave",  # the line, from faulthandler
+    "exit": "exit code 7",
+    "raise": r"no more.*told\.py",
+    "interrupt": r"^KeyboardInterrupt: by the plugin \(raised in told\.py",
+    "hang": "the solve did not end within",
+    "eat": "GiB",
+    "nan": "not finite",
+    "short": "the last time is",
+    "empty": "there are no rows",
+}
 
 
 def campaign(*does: str, **changes: float) -> Campaign:
@@ -69,15 +80,7 @@ def test_a_cell_that_crashes_hangs_raises_or_lies_costs_itself_only(
         assert found[solver, 1e-3].metrics["errors"]["q"]["end"] == pytest.approx(1e-3)
         assert found[solver, 1e-6].status == status, found[solver, 1e-6]
     messages = {row.solver[11:-2]: row.message for row in rows if row.request["rtol"] == 1e-6}
-    assert "signal SIGSEGV" in messages["segv"] and "misbehave" in messages["segv"]  # the line, from faulthandler
-    assert "exit code 7" in messages["exit"]
-    assert "no more" in messages["raise"] and "told.py" in messages["raise"]
-    assert messages["interrupt"].startswith("KeyboardInterrupt: by the plugin (raised in told.py")
-    assert "did not end within" in messages["hang"] and "the solve" in messages["hang"]
-    assert "GiB" in messages["eat"]
-    assert "not finite" in messages["nan"]
-    assert "the last time is" in messages["short"]
-    assert "there are no rows" in messages["empty"]
+    assert {does: said for does, said in SAID.items() if not re.search(said, messages[does])} == {}
     assert all(row.environment["sqlite"] for row in rows)
     declined = [row for row in rows if row.status == "declined"]
     assert {row.message.partition(":")[0] for row in declined} == {"it never takes anything", "it cannot be loaded"}

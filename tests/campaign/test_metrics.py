@@ -179,22 +179,10 @@ class Flat(Circle):
 
 def test_a_row_that_holds_nothing_but_roundoff_is_not_said_to_be_violated():
     """Out of the plane there is no force: a multiplier of 1e-17 is all that the row holds, and all of it imbalance."""
-    made, zero = solution(), np.zeros((11, 1))
-    lam = np.tile([0.5, 1e-17], (11, 1))
-    wide = {
-        "q": np.hstack([made.q, zero]),
-        "v": np.hstack([made.v, zero]),
-        "lam": lam,
-        "carried": {"lam": lam, "mu": made.mu},
-    }
-    changes = {
-        "q0": [1.0, 0.0, 0.0],
-        "v0": [0.0, 1.0, 0.0],
-        "scales": Scales(q=2.0, v=4.0),
-        "exact": None,
-        "observables": {},
-    }
-    drift = measure(circle(system=Flat(), **changes), replace(made, **wide)).metrics["drift"]
+    made, zero, lam = solution(), np.zeros((11, 1)), np.tile([0.5, 1e-17], (11, 1))
+    wide = {"q": np.hstack([made.q, zero]), "v": np.hstack([made.v, zero]), "lam": lam}
+    space = circle(system=Flat(), q0=[1.0, 0.0, 0.0], v0=[0.0, 1.0, 0.0], scales=Scales(q=2.0, v=4.0), exact=None)
+    drift = measure(space, replace(made, **wide, carried={"lam": lam, "mu": made.mu})).metrics["drift"]
     assert drift["acceleration"] < 1e-14
 
 
