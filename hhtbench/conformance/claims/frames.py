@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from hhtbench.conformance.entry import claim
-from hhtbench.conformance.scenes.moving_circle import moving_circle
 from hhtbench.conformance.scenes.pendulum import Frame, RedundantPendulum, pendulum
 from hhtbench.conformance.scenes.scene import SPAN, Scene
+from hhtbench.conformance.scenes.small import moving_circle
 from hhtbench.conformance.subject import Subject, at, differences, errors, expect, rms, size_of
 from hhtbench.request import make_request
 
