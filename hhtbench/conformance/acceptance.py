@@ -41,25 +41,10 @@ class Acceptance:
 
     def _line(self, solver: str) -> str:
         found = [x for x in self.outcomes if x.solver == solver]
-        parts = [f"{sum(x.kind is Kind.right for x in found)} rows hold"]
-        for kind in Kind:
-            ids = [x.id for x in found if x.kind is kind]
-            if ids and kind is not Kind.right:
-                named = "" if kind is Kind.declined else f" ({', '.join(ids)})"
-                parts.append(f"{len(ids)} {SUMMARY.get(kind, kind.label)}{named}")
-        return f"{solver}: {', '.join(parts)}"
-
-
-SUMMARY = {
-    Kind.wrong: "fail",
-    Kind.crashed: "fail with an exception",
-    Kind.hung: "do not end",
-    Kind.declined: "cannot be asked",
-    Kind.in_part: "hold in part",
-    Kind.elsewhere: "have tests of their own, not run",
-    Kind.expected: "fail as is known",
-    Kind.unexpected: "no longer fail as is known",
-}
+        ids = {kind: [x.id for x in found if x.kind is kind] for kind in Kind}
+        hold, declined = len(ids.pop(Kind.right)), len(ids.pop(Kind.declined))
+        others = [f"{len(x)} {kind.label} ({', '.join(x)})" for kind, x in ids.items() if x]
+        return ", ".join([f"{solver}: {hold} rows hold", *others, f"{declined} cannot be asked"])
 
 
 def chosen_rows(ids: Sequence[str], *, slow: bool = True) -> tuple[Entry, ...]:
@@ -97,15 +82,5 @@ def study_acceptance(
 def shown(row: Entry, outcomes: Sequence[Outcome]) -> str:
     """A row as text: its two sentences and a line a solver."""
     lines = [f"{row.id}: {row.goes_in}", f"    expected: {row.sentence}"]
-    return "\n".join(
-        lines + [f"    {VERDICTS.get(x.kind, 'FAILS'):<7} {x.solver:<13} {x.message} [{x.seconds:.2g} s]" for x in outcomes]
-    )
-
-
-VERDICTS = {
-    Kind.right: "holds",
-    Kind.declined: "-",
-    Kind.elsewhere: "tests",
-    Kind.in_part: "in part",
-    Kind.expected: "known",
-}
+    lines += [f"    {x.kind.label:<17} {x.solver:<13} {x.message} [{x.seconds:.2g} s]" for x in outcomes]
+    return "\n".join(lines)

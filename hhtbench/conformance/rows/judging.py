@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import warnings
 from collections.abc import Callable, Iterator
 from functools import partial, wraps
 from typing import Any, NamedTuple
@@ -19,36 +20,19 @@ Cases = Iterator[tuple[str, "str | Number | Declined"]]  # name of a case, and w
 
 
 class Number(NamedTuple):
-    """A measured value and its bounds; NaN is outside of them."""
+    """A measured value and the most that it may be; NaN is more."""
 
     value: float
-    least: float
     most: float
     what: str
 
-    @property
-    def fault(self) -> str:
-        """What is wrong with it, or ""."""
-        if self.least <= self.value <= self.most:
-            return ""
-        return f"{self.what} {self.value:.3g}, {self.bounds}".strip()
-
-    @property
-    def bounds(self) -> str:
-        """As text."""
-        if math.isinf(self.least):
-            return f"at most {self.most:g} allowed"
-        return f"at least {self.least:g} asked" if math.isinf(self.most) else f"{self.least:g} to {self.most:g} allowed"
+    def __str__(self) -> str:
+        return f"{self.what} {self.value:.3g} of {self.most:g} allowed".strip()
 
 
 def within(value: Any, most: float, what: str = "off by") -> Number:
     """A number that must not be larger than ``most``."""
-    return Number(float(value), -math.inf, most, what)
-
-
-def between(value: Any, least: float, most: float, what: str) -> Number:
-    """A number between two bounds."""
-    return Number(float(value), least, most, what)
+    return Number(float(value), most, what)
 
 
 def row(
@@ -85,7 +69,7 @@ def fault_of(found: str | Number | Declined) -> str:
     """What is wrong with a case, or ""; a case that is declined, where others are not, is wrong."""
     if isinstance(found, Declined):
         return f"declined: {found}"
-    return found.fault if isinstance(found, Number) else found
+    return "" if isinstance(found, Number) and found.value <= found.most else str(found)
 
 
 def _every_way(cases: Callable[..., Cases], subject: Subject) -> Cases:
@@ -105,20 +89,13 @@ def judged(cases: Cases, subject: Subject, seconds: float = math.inf, most_faili
         raise declined[0]
     faults = {case: text for case, x in found.items() if (text := fault_of(x))}
     slowest = max(subject.took, default=0.0)
-    text = [f"{len(found) - len(faults)} of {len(found)} cases", *_ranges(found.values())]
+    numbers = [x for x in found.values() if isinstance(x, Number)]
+    largest = {(x.most, x.what): x for x in sorted(numbers, key=lambda x: x.value)}
+    text = [f"{len(found) - len(faults)} of {len(found)} cases", *map(str, largest.values())]
     text += [f"slowest {slowest:.2g} s of {seconds:g} allowed"] * math.isfinite(seconds)
     text += [f"{case}: {fault}".strip(": ") for case, fault in list(faults.items())[:2]]
     holds = bool(found) and len(faults) <= most_failing * len(found)
     return Finding(measured="; ".join(text), holds=holds, in_time=slowest <= seconds, failing=tuple(faults))
-
-
-def _ranges(found: Any) -> Iterator[str]:
-    """The numbers of each kind: the largest, or both ends where there is a least one."""
-    numbers = [x for x in found if isinstance(x, Number)]
-    for least, most, what in dict.fromkeys(x[1:] for x in numbers):
-        values = [x.value for x in numbers if x[1:] == (least, most, what)]
-        ends = f"{max(values):.2g}" if math.isinf(least) else f"{min(values):.4g} to {max(values):.4g}"
-        yield f"{what} {ends}, {Number(0.0, least, most, what).bounds}"
 
 
 def ends(solution: hb.Solution, *expected: hb.Status, words: tuple[str, ...] = ()) -> str:
@@ -133,6 +110,14 @@ def ends(solution: hb.Solution, *expected: hb.Status, words: tuple[str, ...] = (
 def arrives(solution: hb.Solution) -> str:
     """The fault of an end that is no success."""
     return ends(solution, hb.Status.success)
+
+
+def warns(solve: Callable[[], hb.Solution], *words: str) -> str:
+    """The fault of a solve that says one of the ``words`` neither by a warning nor in its message."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        texts = [solve().message, *(str(x.message) for x in caught)]
+    return "" if any(word in text for word in words for text in texts) else f"no warning: {texts[0][:90]}"
 
 
 def refuses(call: Callable[[], Any], *words: str, kinds: tuple[type[BaseException], ...] = (ValueError, TypeError)) -> str:

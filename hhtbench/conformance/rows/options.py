@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from functools import partial
 from typing import Any
 
@@ -10,7 +9,7 @@ import numpy as np
 
 import hhtbench as hb
 from hhtbench.conformance.entry import Lane
-from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, refuses, row, within
+from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, refuses, row, warns, within
 from hhtbench.conformance.scenes.rod import Q0, UNCALLED, V0, Rod, problem
 from hhtbench.conformance.subject import Declined, Subject
 
@@ -30,25 +29,16 @@ def bad_tolerances(subject: Subject) -> Cases:
         yield str(request), refuses(partial(subject.ask, UNCALLED, (0.0, 1.0), **request), name)
 
 
-def _warns(subject: Subject, text: str, t_end: float, **request: Any) -> str:
-    """The fault of a solve that does not warn of ``text``."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        subject.ask(Rod(), (0.0, t_end), **request)
-    found = "; ".join(str(x.message) for x in caught)
-    return "" if text in found else found or "no warning"
-
-
 @row("O2", "rtol 1e-20", "raised to the floor, with a warning")
 def tiny_rtol(subject: Subject) -> Cases:
     """Over a millisecond."""
-    yield "", _warns(subject, "below roundoff", 1e-3, rtol=1e-20, atol=1e-3)
+    yield "", warns(lambda: subject.ask(Rod(), (0.0, 1e-3), rtol=1e-20, atol=1e-3), "below roundoff")
 
 
 @row("O3", "rtol 1e3", "a warning that it is larger than 0.1")
 def large_rtol(subject: Subject) -> Cases:
     """Over a tenth of a second."""
-    yield "", _warns(subject, "larger than 0.1", 0.1, rtol=1e3)
+    yield "", warns(lambda: subject.ask(Rod(), (0.0, 0.1), rtol=1e3), "larger than 0.1")
 
 
 @row("O4", "h, h_max negative, zero, NaN; h longer than the interval", "refused by name; taken as the interval")

@@ -109,4 +109,3 @@ UNCALLED = hb.NumpySystem(force=never, constraint=never)
 MASSLESS = hb.NumpySystem(mass_matrix=[1.0, 0.0], force=FUNCTIONS["force"])  # its second coordinate has no mass
 SLIGHTLY_WRONG = {"90 %": lambda x: 0.9 * x, "110 %": lambda x: 1.1 * x, "twice": lambda x: 2.0 * x}
 ALTOGETHER_WRONG = {"sign": lambda x: -x, "zero": lambda x: 0.0 * x, "transposed": lambda x: x.T, "1e6": lambda x: 1e6 * x}
-WRONG_JACOBIANS: dict[str, Any] = {**SLIGHTLY_WRONG, **ALTOGETHER_WRONG}
