@@ -102,8 +102,6 @@ class Outcome:
     share: float | None = None  #: largest error over what is allowed
     steps: int | None = None
     evaluations: int | None = None
-    attempts: int | None = None  #: of steps: those accepted and those rejected
-    newton_iterations: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
