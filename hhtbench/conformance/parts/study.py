@@ -175,7 +175,8 @@ class Study:
     @property
     def faults(self) -> tuple[str, ...]:
         """What does not hold."""
-        return tuple(x.fault for x in (*self.parts, *self.gains) if x.fault)
+        faults = [x.fault for x in self.parts] + [x.fault for x in self.gains]
+        return tuple(filter(None, faults))
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
