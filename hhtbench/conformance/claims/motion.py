@@ -10,9 +10,9 @@ from scipy.integrate import simpson
 
 from hhtbench.conformance.entry import claim
 from hhtbench.conformance.scenes import SCENES
-from hhtbench.conformance.scenes.oscillator import oscillator
 from hhtbench.conformance.scenes.pendulum import numpy_pendulum
 from hhtbench.conformance.scenes.scene import Scene, multipliers
+from hhtbench.conformance.scenes.small import oscillator
 from hhtbench.conformance.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, rms, size_of
 from hhtbench.protocol import declared
 from hhtbench.result import Status
