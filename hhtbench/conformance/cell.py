@@ -15,7 +15,7 @@ from hhtbench.conformance.entry import Entry, Kind, Known, Lane, Outcome
 from hhtbench.conformance.subject import ACCURACY, Declined, Subject
 from hhtbench.errors import ProblemError
 from hhtbench.protocol import Problem
-from hhtbench.result import Counters, Solution, Status
+from hhtbench.result import Solution, Status
 
 MAX_SECONDS = 3.0  # of one solve, unless a cell says otherwise
 MAX_COMPILING = 60.0  # [s] of the single step before it, in which functions are compiled
@@ -138,15 +138,12 @@ def _rows(problem: Problem, request: Mapping[str, Any]) -> dict[str, Any]:
 
 def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> Outcome:
     """The class of an end; an error that is not a number is larger than any."""
-    counters = found.counters
     ended = Outcome(
         kind=_kind(found.status),
         status=found.status.label,
         message=found.message,
-        steps=counters.steps_accepted,
-        evaluations=counters.residual_evaluations,
-        attempts=_attempts(counters),
-        newton_iterations=counters.newton_iterations,
+        steps=found.counters.steps_accepted,
+        evaluations=found.counters.residual_evaluations,
     )
     if not found.success:
         return ended
@@ -161,13 +158,6 @@ def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> 
     found_off = ", ".join(f"{name} off by {error:.2g}" for name, error in errors.items())
     allowed = "; ".join(f"{known.most:.2g} of {name}" for name, known in cell.expected.items())
     return replace(arrived, kind=Kind.wrong, message=f"success, but {found_off}; allowed are {allowed}")
-
-
-def _attempts(c: Counters) -> int | None:
-    """None where one of them is not counted."""
-    if c.steps_accepted is None or c.steps_rejected_error is None or c.steps_rejected_newton is None:
-        return None
-    return c.steps_accepted + c.steps_rejected_error + c.steps_rejected_newton
 
 
 def _kind(status: Status) -> Kind:

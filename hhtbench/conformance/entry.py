@@ -6,7 +6,7 @@ three ways, each made by a decorator:
 ``claim(id, *scenes, parts=(), needs=(), known={})``
     An assertion: ``measure(subject)``, or ``measure(subject, case)`` once for each scene or part.  It raises
     ``AssertionError`` where the claim does not hold.  The sentence is the first line of its docstring.
-``row(id, goes_in, expected, lane=Lane.fast, gap="", known={}, needs=())``
+``row(id, goes_in, expected, lane=Lane.fast, gap="", known={})``
     A row of the acceptance matrix: ``measure(subject)`` returns a :class:`Finding`, a measured value and whether it is
     within its bound, with the names of the cases that are not.  ``tested(id, goes_in, expected, *tests)`` is a row that
     tests of its own hold, since its question is no solve (rows K1 to K12); the entry names them.
@@ -17,10 +17,9 @@ three ways, each made by a decorator:
 All three are measured by :meth:`Entry.run`, which returns an :class:`Outcome` and raises nothing.  What is known to fail is
 applied by :func:`as_known`, which is strict: a case that is known to fail and passes is a failure.
 
-The rows of the acceptance matrix live in ``hhtbench/conformance/rows``, a module a section; a row takes a ``Subject``:
-``subject.ask(problem, alpha=None, **request)`` is one solve within a bound of time; ``ways()``, ``hht(system)`` and
-``fresh(**options)`` are as its docstrings say.  A row that every solver can be asked, and that takes little time, is
-one of the claims of ``check_solver`` too: ``row(..., every_solver=True)``.  Then no claim of the same content is needed.
+The rows of the acceptance matrix live in ``hhtbench/conformance/rows``, a module a section; a row asks a ``Subject``:
+``ask(system, **request)`` is one solve within a bound of time; ``ways()``, ``hht(system)`` and ``fresh(**options)`` are as
+its docstrings say.
 
 :mod:`.registry` lists the entries; :mod:`.subject` is the solver that they are asked of; :mod:`.scenes` are the mechanisms.
 """
@@ -103,8 +102,6 @@ class Outcome:
     share: float | None = None  #: largest error over what is allowed
     steps: int | None = None
     evaluations: int | None = None
-    attempts: int | None = None  #: of steps: those accepted and those rejected
-    newton_iterations: int | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,7 +133,6 @@ class Entry:
     known: Known = field(default_factory=dict)  #: failures, strict
     goes_in: str = ""  #: of a row
     tests: tuple[str, ...] = ()  #: that hold a row, as pytest names them
-    every_solver: bool = False  #: a row that `check_solver` asks too
     gap: str = ""  #: what of a row neither measurement nor tests show
     parameter: str = ""  #: of a family, with its unit
 
@@ -238,22 +234,12 @@ def claim(
     return register
 
 
-def row(
-    id: str,
-    goes_in: str,
-    expected: str,
-    *,
-    lane: Lane = Lane.fast,
-    gap: str = "",
-    known: Known | None = None,
-    needs: tuple[str, ...] = (),
-    every_solver: bool = False,
-) -> Callable[[Measure], Measure]:
+def row(id: str, goes_in: str, expected: str, *, lane: Lane = Lane.fast, gap: str = "", known: Known | None = None) -> Any:
     """Make a measurement the row ``id`` of its module."""
 
     def register(measure: Measure) -> Any:
-        made = Entry(id=id, sentence=expected, goes_in=goes_in, measure=measure, lane=lane, gap=gap, needs=needs)
-        measure.entry = replace(made, known=known or {}, every_solver=every_solver)  # type: ignore[attr-defined]
+        made = Entry(id=id, sentence=expected, goes_in=goes_in, measure=measure, lane=lane, gap=gap, known=known or {})
+        measure.entry = made  # type: ignore[attr-defined]
         return measure
 
     return register
@@ -268,17 +254,3 @@ def entries_of(module: ModuleType) -> list[Entry]:
     """Of a module, in the order in which they are written."""
     found = (getattr(value, "entry", value) for value in vars(module).values())
     return [x for x in found if isinstance(x, Entry)]
-
-
-def bounded(value: float, bound: float, what: str = "") -> Finding:
-    """A number that must not be larger than ``bound``; NaN is."""
-    return Finding(measured=f"{what} {value:.2g} of {bound:g} allowed".strip(), holds=bool(value <= bound))
-
-
-def every(faults: Mapping[str, str], also: str = "", *, in_time: bool = True) -> Finding:
-    """Cases with the fault of each, "" where it behaves as expected: how many do, and the first two that do not."""
-    wrong = {case: fault for case, fault in faults.items() if fault}
-    first = "; ".join(f"{case}: {fault}" for case, fault in list(wrong.items())[:2])
-    parts = [f"{len(faults) - len(wrong)} of {len(faults)} cases", also, first]
-    holds = not wrong and bool(faults)
-    return Finding(measured="; ".join(filter(None, parts)), holds=holds, in_time=in_time, failing=tuple(wrong))

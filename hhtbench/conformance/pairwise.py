@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from tabulate import tabulate
@@ -20,7 +19,7 @@ from hhtbench.result import Solution
 LEVELS = {"position": ("q",), "velocity": ("v",), "acceleration": ("lam", "mu")}  # of the motion -> what is compared
 ROWS = 11  # output times, equal distances
 FACTOR = 100.0  # of the tolerance: how far two good solvers may be apart after a whole run
-FIRST_STEPS, MOST_STEPS = 200, 51_200  # of solvers with prescribed steps: doubled until the motion stays
+FIRST_STEPS, MAX_STEPS = 200, 51_200  # of solvers with prescribed steps: doubled until the motion stays
 Motion = Mapping[str, Matrix]  # of "q", "v", "lam", "mu": (rows, width)
 
 
@@ -36,11 +35,6 @@ class Agreement:
     def spread(self) -> float:
         """The largest difference of two: an estimate of the error of the worst of them."""
         return float(np.max(self.matrix, initial=0.0))
-
-    def nearest(self, index: int) -> float:
-        """Of solver ``index`` to any other; infinite where there is none."""
-        others = np.delete(self.matrix[index], index)
-        return float(np.min(others)) if others.size else np.inf
 
     def middle(self) -> int:
         """The solver to which the others are nearest in the median."""
@@ -69,12 +63,10 @@ def agreement(
     solvers: Sequence[Solver | str],
     rtol: float = 1e-6,
     levels: Sequence[str] = ("position", "velocity"),
-    max_seconds: float | None = None,
 ) -> Agreement:
     """Solve ``problem`` by every one of ``solvers`` and compare; what fails is left out with its reason.
 
     Solvers of prescribed steps take 200 and twice as many, again and again, until the motion changes by less than ``rtol``.
-    ``max_seconds`` bounds each solve [s].
     """
     unknown = sorted(set(levels) - set(LEVELS))
     if unknown or not levels:
@@ -87,7 +79,7 @@ def agreement(
     for entry in solvers:
         solver = load_solver(entry)
         label = entry if isinstance(entry, str) else solver.name
-        solution = _solved(loaded, solver, rtol, times, max_seconds)
+        solution = _solved(loaded, solver, rtol, times)
         if solution.success and solution.t.size == times.size:
             motions[label] = {name: getattr(solution, name) for name in names}
         else:
@@ -136,23 +128,19 @@ def assert_solvers_agree(
     return found
 
 
-def _solved(problem: Problem, solver: Solver, rtol: float, times: Vector, max_seconds: float | None) -> Solution:
+def _solved(problem: Problem, solver: Solver, rtol: float, times: Vector) -> Solution:
     """With the tolerance, or with as many steps as it takes."""
-    shared: dict[str, Any] = {"t_eval": times, "max_seconds": max_seconds}
-    if solver.accepts(problem, Request(rtol=rtol, **shared)) is None or _no_steps(problem, solver):
-        return solve(problem, solver, rtol=rtol, **shared)
+    declines = [solver.accepts(problem, Request(**asked)) for asked in ({"rtol": rtol}, {"steps": FIRST_STEPS})]
+    if declines[0] is None or declines[1] is not None:
+        return solve(problem, solver, rtol=rtol, t_eval=times)
     steps, before = FIRST_STEPS, None
     while True:
-        found = solve(problem, solver, steps=steps, **shared)
-        if not found.success or steps >= MOST_STEPS:
+        found = solve(problem, solver, steps=steps, t_eval=times)
+        if not found.success or steps >= MAX_STEPS:
             return found
         if before is not None and np.max(np.abs(_state(found, problem.scales) - _state(before, problem.scales))) <= rtol:
             return found
         steps, before = 2 * steps, found
-
-
-def _no_steps(problem: Problem, solver: Solver) -> bool:
-    return solver.accepts(problem, Request(steps=FIRST_STEPS)) is not None
 
 
 def _state(solution: Solution, scales: Scales) -> Vector:

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from types import ModuleType
 
 from hhtbench.conformance.cell import Cell
 from hhtbench.conformance.claims import conduct, control, events, failures, frames, motion
 from hhtbench.conformance.entry import Entry, entries_of
-from hhtbench.conformance.families.forces import contact, friction, jump, wrong_a0
-from hhtbench.conformance.families.long import long_run
-from hhtbench.conformance.families.modes import multiplier_modes
-from hhtbench.conformance.families.quaternions import quaternions
-from hhtbench.conformance.families.ranks import dead_points, rank, redundant
-from hhtbench.conformance.families.recurrence import amplification
-from hhtbench.conformance.families.rods import masses, origin, perturbations, ratios, span, tension, units
-from hhtbench.conformance.families.springs import dampers, order, servo, spin, steps, stiffness
+from hhtbench.conformance.families import forces, long, modes, quaternions, ranks, recurrence, rods, springs
 from hhtbench.conformance.rows import (
     callbacks,
     convergence,
@@ -29,41 +23,21 @@ from hhtbench.conformance.rows import (
 )
 from hhtbench.errors import NotFoundError
 
-CLAIMS = tuple(entry for module in (motion, control, events, frames, conduct, failures) for entry in entries_of(module))
-FAMILIES = (
-    amplification,
-    perturbations,
-    multiplier_modes,
-    wrong_a0,
-    stiffness,
-    order,
-    dampers,
-    servo,
-    spin,
-    quaternions,
-    masses,
-    tension,
-    steps,
-    ratios,
-    rank,
-    redundant,
-    dead_points,
-    jump,
-    friction,
-    contact,
-    origin,
-    span,
-    units,
-    long_run,
-)
+
+def _entries(*modules: ModuleType) -> tuple[Entry, ...]:
+    return tuple(entry for module in modules for entry in entries_of(module))
+
+
+CLAIMS = _entries(motion, control, events, frames, conduct, failures)
+FAMILIES = _entries(recurrence, modes, springs, rods, quaternions, ranks, forces, long)
 SECTIONS = "MICOSPJERAK"  # letters of the acceptance matrix, in its order
-_MEASURED = (
-    *(method, convergence, inputs, callbacks, options),
-    *(physics, derivatives_events, reproducibility, random_faults, elsewhere),
-)
 ROWS = tuple(
     sorted(
-        (*(entry for module in _MEASURED for entry in entries_of(module)), *elsewhere.BY_TESTS),
+        (
+            *_entries(method, convergence, inputs, callbacks, options),
+            *_entries(physics, derivatives_events, reproducibility, random_faults, elsewhere),
+            *elsewhere.BY_TESTS,
+        ),
         key=lambda entry: (SECTIONS.index(entry.id[0]), int(entry.id[1:])),
     )
 )

@@ -6,15 +6,6 @@ from jax import Array
 
 from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
 
-DECLARED_SHAPES = {  # of the declared derivatives of BEAD, one or two matrices each
-    "force_jacobians": ((2, 2), (2, 2)),
-    "constraint_jacobian": ((1, 2),),
-    "constraint_time_derivative": ((1,),),
-    "constraint_acceleration": ((1,),),
-    "velocity_constraint_jacobian": ((1, 3),),
-    "reaction_jacobians": ((2, 2), (2, 1)),
-}
-
 # A bead on a moving parabola y = x^2 / 2 + sin(t) / 10, with a force that is not symmetric in q and v.
 Q0, V0 = np.array([1.0, 0.5]), np.array([2.0, 2.1])
 

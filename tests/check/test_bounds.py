@@ -6,7 +6,7 @@ import pytest
 
 from hhtbench.checks.problem import check
 from hhtbench.protocol import NumpySystem, Problem, System, parameter
-from tests.check.test_check import failed, row
+from tests.check.scenes import failed, row
 
 
 def system(route, **functions):

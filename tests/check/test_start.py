@@ -12,8 +12,7 @@ from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import hht, ida
 from solvers.hht import HHT
-from tests.check.scenes import problem, skate
-from tests.check.test_check import row
+from tests.check.scenes import problem, row, skate
 
 
 def pendulum(length):

@@ -11,7 +11,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.conformance import Check, Kind, assert_solver_converges, check_problem, check_solver, parametrize_with_checks
-from hhtbench.conformance.entry import as_known, claim, every, outcome_of
+from hhtbench.conformance.entry import Finding, as_known, claim, outcome_of
 from hhtbench.conformance.registry import CLAIMS, FAMILIES
 from hhtbench.conformance.subject import Subject
 from tests.conformance.faulty import faulty, straight_on
@@ -78,7 +78,7 @@ def test_what_the_registry_knows_to_fail_is_strict():
     [(("a", "b"), Kind.expected), (("a",), Kind.unexpected), ((), Kind.unexpected), (("a", "b", "c"), Kind.wrong)],
 )
 def test_a_row_fails_as_expected_in_just_the_cases_that_are_known(failing, kind):
-    found = outcome_of(lambda: every(dict.fromkeys("abc", "") | dict.fromkeys(failing, "off")))
+    found = outcome_of(lambda: Finding(measured="", holds=not failing, failing=failing))
     assert as_known(found, "roundoff", ("a", "b")).kind is kind
 
 

@@ -55,9 +55,9 @@ def first_failed_check(checked: str, first: str) -> dict[str, Any]:
     count, found = 0, {"flagged": "", "message": ""}
     try:
         for check in sorted(checks_of(checked), key=lambda check: not check.name.startswith(first)):
-            verdict, count = check.run(), count + 1
-            if not verdict.kind.good:
-                found = {"flagged": verdict.name, "message": verdict.message}
+            outcome, count = check.run(), count + 1
+            if not outcome.kind.good:
+                found = {"flagged": outcome.id, "message": outcome.message}
                 break
     except Exception as error:  # noqa: BLE001 - a fault may break what comes before the checks: that is found too
         found = {"flagged": "before the checks", "message": f"{type(error).__name__}: {error}"}

@@ -115,13 +115,13 @@ def counted_evaluations_are_calls(subject: Subject) -> None:
     names = [name for name in SIGNATURES if name != "force"]
     scene = numpy_pendulum(**_counted(["force"], calls), **_counted(names, others))
     solution = subject.succeeds(scene.problem, **subject.ladder(scene.problem)[1])
-    told = solution.counters.residual_evaluations
-    if told is None:
+    counted = solution.counters.residual_evaluations
+    if counted is None:
         raise Declined(f"{subject.name} does not count evaluations")
-    told += solution.counters.output_evaluations or 0
-    close = 0.9 * len(calls) - 5 <= told <= 1.1 * (len(calls) + len(others)) + 5
+    counted += solution.counters.output_evaluations or 0
+    close = 0.9 * len(calls) - 5 <= counted <= 1.1 * (len(calls) + len(others)) + 5
     text = f"the force was called {len(calls)} times, all others {len(others)} times"
-    expect(close, f"{told} evaluations are counted and {text}")
+    expect(close, f"{counted} evaluations are counted and {text}")
 
 
 def _counted(names: list[str], calls: list[float]) -> dict[str, Any]:

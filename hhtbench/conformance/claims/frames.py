@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from hhtbench.conformance.entry import claim
-from hhtbench.conformance.scenes.moving_circle import moving_circle
 from hhtbench.conformance.scenes.pendulum import Frame, RedundantPendulum, pendulum
 from hhtbench.conformance.scenes.scene import SPAN, Scene
+from hhtbench.conformance.scenes.small import moving_circle
 from hhtbench.conformance.subject import Subject, at, differences, errors, expect, rms, size_of
 from hhtbench.request import make_request
 
@@ -61,15 +61,15 @@ def frame_changes_nothing(subject: Subject, part: str) -> None:
 
 @claim("constraints/redundant")
 def redundant_rows(subject: Subject) -> None:
-    """A row given twice is told, or declined, or it changes nothing of the motion."""
+    """A row given twice ends the run with a message, or is declined, or changes nothing of the motion."""
     scene = pendulum(RedundantPendulum, name="redundant")
     request = subject.ladder(scene.problem)[1]
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="redundant constraints")
         solution = subject.solve(scene.problem, **request)
     if not solution.success:
-        told = "redundant" in solution.status.label or "g[" in solution.message or "depend" in solution.message
-        expect(told, f"a row given twice ends with {solution.status.label}: {solution.message!r} does not say so")
+        named = "redundant" in solution.status.label or "g[" in solution.message or "depend" in solution.message
+        expect(named, f"a row given twice ends with {solution.status.label}: {solution.message!r} does not say so")
         return
     known = np.array([scene.exact(float(t)).q for t in solution.t])
     off, bound = rms(solution.q - known), 10 * subject.bound(request, subject.scene("position").problem)

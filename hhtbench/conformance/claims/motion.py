@@ -10,9 +10,9 @@ from scipy.integrate import simpson
 
 from hhtbench.conformance.entry import claim
 from hhtbench.conformance.scenes import SCENES
-from hhtbench.conformance.scenes.oscillator import oscillator
 from hhtbench.conformance.scenes.pendulum import numpy_pendulum
 from hhtbench.conformance.scenes.scene import Scene, multipliers
+from hhtbench.conformance.scenes.small import oscillator
 from hhtbench.conformance.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, rms, size_of
 from hhtbench.protocol import declared
 from hhtbench.result import Status
@@ -94,21 +94,13 @@ def error_follows_the_tolerance(subject: Subject, name: str) -> None:
 
 @claim("levels", *CONSTRAINED)
 def constraints_hold(subject: Subject, name: str) -> None:
-    """Position and velocity constraints hold at every internal step, to the error of the run or to what is claimed."""
+    """Position and velocity constraints hold at steps and between them, to the error of the run or to what is claimed."""
     scene = subject.scene(name)
-    for request in subject.ladder(scene.problem)[1:]:
+    _, middle, fine = subject.ladder(scene.problem)
+    between = at(middle, np.linspace(*scene.problem.t_span, BETWEEN))
+    for where, request, asked in (("a step", middle, middle), ("a step", fine, fine), ("a row of t_eval", middle, between)):
         bound = subject.claims.drift or 10 * subject.bound(request, scene.problem)
-        _expect_levels(scene, subject.solved(scene, **request), bound, "a step")
-
-
-@claim("levels_between", *CONSTRAINED)
-def constraints_hold_between(subject: Subject, name: str) -> None:
-    """Position and velocity constraints hold at rows between the steps too."""
-    scene = subject.scene(name)
-    request = subject.ladder(scene.problem)[1]
-    bound = subject.claims.drift or 10 * subject.bound(request, scene.problem)
-    times = np.linspace(*scene.problem.t_span, BETWEEN)
-    _expect_levels(scene, subject.solved(scene, **at(request, times)), bound, "a row of t_eval")
+        _expect_levels(scene, subject.solved(scene, **asked), bound, where)
 
 
 def _expect_levels(scene: Scene, solution: Any, bound: float, where: str) -> None:

@@ -26,12 +26,12 @@ LEVELS = 1e-12  # of both levels, however long
 COARSE = (2 * math.pi / STEPS) ** 2  # (h w)^2, by which a method of second order errs
 ENERGY = COARSE  # over its range, however many steps of one length are made: it varies along a swing, and does not grow
 RTOL = 1e-6
-LOST = 5 * RTOL  # of the energy, a swing under error control: five tolerances, of as many swings as FEW at least
+LOST = 5 * RTOL  # of the energy, a swing under error control: five tolerances, of as many swings as MIN_SWINGS at least
 PHASE = 2 * math.pi * COARSE / 4  # [rad] a swing: it grows in proportion to them
-FEW = 200  # swings
+MIN_SWINGS = 200  # over which a loss of energy is allowed
 DRIFTING = 20  # swings, in which levels may drift under error control, by a hundred times the tolerance each
-CONTROLLED, MOST_STEPS = 2000, 100_000_000  # swings under error control, and steps of one run
-SECONDS = 30.0
+CONTROLLED, MAX_STEPS = 2000, 100_000_000  # swings under error control, and steps of one run
+MAX_SECONDS = 30.0  # of one solve
 PULL = float(2 * ellipk(0.5)) ** 2  # gravity of the pendulum with a period of 2 s [m/s^2]
 
 
@@ -86,7 +86,7 @@ def long_run(seed: int) -> Iterator[Cell]:
             limits = LEVELS, ENERGY, PHASE * swings
             yield _cell(run, swings, f"{STEPS} steps a swing", {"steps": STEPS * swings}, limits)
             if swings <= CONTROLLED:
-                request = {"rtol": RTOL, "max_num_steps": MOST_STEPS}
+                request = {"rtol": RTOL, "max_num_steps": MAX_STEPS}
                 yield _cell(run, swings, f"rtol {RTOL:g}", request, _drifting(run, swings))
 
 
@@ -99,7 +99,7 @@ def _drifting(run: Run, swings: int) -> tuple[float, float, float]:
     m = math.sin(run.amplitude / 2) ** 2
     slope = (ellipe(m) / ellipk(m) / (1 - m) - 1) / (2 * m)
     phase = PHASE * swings + math.pi / 2 * slope * LOST * swings**2
-    return 100 * RTOL * min(swings, DRIFTING), LOST * max(swings, FEW), min(phase, math.pi)
+    return 100 * RTOL * min(swings, DRIFTING), LOST * max(swings, MIN_SWINGS), min(phase, math.pi)
 
 
 def _cell(run: Run, swings: int, way: str, request: dict[str, Any], limits: tuple[float, float, float]) -> Cell:
@@ -109,7 +109,13 @@ def _cell(run: Run, swings: int, way: str, request: dict[str, Any], limits: tupl
     names = "both levels", "energy", "phase"
     expected = {name: Expected(error=error, most=most) for name, error, most in zip(names, errors, limits, strict=True)}
     make, asked = partial(run.make, float(rows[-1])), {**request, "t_eval": rows}
-    given: dict[str, Any] = {"make": make, "request": asked, "expected": expected, "seconds": SECONDS, "small": swings == 20}
+    given: dict[str, Any] = {
+        "make": make,
+        "request": asked,
+        "expected": expected,
+        "seconds": MAX_SECONDS,
+        "small": swings == 20,
+    }
     return Cell(x=float(STEPS * swings), line=f"{run.name}, {way}", **given)
 
 

@@ -89,7 +89,7 @@ def amplification(seed: int) -> Iterator[Cell]:
 
 
 def _expected(weights: Weights, frequency: float) -> Mapping[str, Expected]:
-    """Leapfrog's rows overflow beyond its bound of 2, which its radius tells too: they must do so in the same way."""
+    """Leapfrog's rows overflow beyond its bound of 2, as its radius says: they must do so in the same way."""
     found = {"rows": Expected(error=partial(_off_rows, weights, frequency), most=SAME + ROUNDED * frequency**2)}
     if frequency <= RESOLVED:
         found["roots"] = Expected(error=partial(_off_roots, weights, frequency), most=ROOTS)

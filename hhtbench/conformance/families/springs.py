@@ -1,4 +1,4 @@
-"""Springs, dampers and spins far stiffer than the motion that is looked at, at given tolerances and at given steps."""
+"""Springs, dampers and spins far stiffer than the motion that is judged, at given tolerances and at given steps."""
 
 from __future__ import annotations
 

@@ -116,24 +116,19 @@ class PartCost:
             if asked and not name(absent) < name(present):
                 yield f"{name(absent):g} {what} where it is absent, {name(present):g} where it is there"
 
-    def row(self) -> list[str]:
+    def row(self) -> dict[str, str]:
         """Of the table: absent and present, of calls, time and memory."""
         sides, terms = (self.absent, self.present), self.part.terms
-        return [
-            self.part.name,
-            _both(own(x.calls, terms) for x in sides) if terms else "none",
-            _both(sum(x.calls.values()) for x in sides),
-            *(f"{1e6 * x.seconds:.2f}" for x in sides),
-            *(str(x.memory) for x in sides),
-            _both(x.operations for x in sides),
-            _both(x.python for x in sides),
-            _both(x.left if x.left > ROUNDING else 0.0 for x in sides),
-        ]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        sides = {"absent": asdict(self.absent), "present": asdict(self.present)}
-        return {"name": self.part.name, "terms": self.part.terms, **sides}
+        return {
+            "part": self.part.name,
+            "its calls": _both(own(x.calls, terms) for x in sides) if terms else "none",
+            "all calls": _both(sum(x.calls.values()) for x in sides),
+            "us": _both(1e6 * x.seconds for x in sides),
+            "B": _both(x.memory for x in sides),
+            "operations": _both(x.operations for x in sides),
+            "in Python": _both(x.python for x in sides),
+            "B left": _both(x.left if x.left > ROUNDING else 0.0 for x in sides),
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,16 +148,16 @@ class Gain:
             return f"{self.reduction.name}: without it the answer differs by {self.difference:.1e}"
         return "" if self.line else f"{self.reduction.name}: describe does not name it"
 
-    def row(self) -> list[str]:
+    def row(self) -> dict[str, str]:
         """Of the table."""
-        times = [f"{1e6 * x:.2f}" for x in (self.seconds, self.seconds_without)]
-        ratio = f"{self.seconds_without / self.seconds:.2f}"
-        return [self.reduction.name, str(self.reduction), *times, ratio, f"{self.difference:.0e}", self.line]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        given = {name: value for name, value in vars(self).items() if name != "reduction"}
-        return {"name": self.reduction.name, "switch": str(self.reduction), **given}
+        return {
+            "reduction": self.reduction.name,
+            "switch": str(self.reduction),
+            "us without -> with": _both((1e6 * self.seconds_without, 1e6 * self.seconds)),
+            "gain": f"{self.seconds_without / self.seconds:.2f}",
+            "apart": f"{self.difference:.0e}",
+            "describe": self.line,
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,25 +170,24 @@ class Study:
     @property
     def faults(self) -> tuple[str, ...]:
         """What does not hold."""
-        return tuple(x.fault for x in (*self.parts, *self.gains) if x.fault)
+        faults = [x.fault for x in self.parts] + [x.fault for x in self.gains]
+        return tuple(filter(None, faults))
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
-        parts, gains = [x.as_dict() for x in self.parts], [x.as_dict() for x in self.gains]
+        parts = [{"name": x.part.name, "absent": asdict(x.absent), "present": asdict(x.present)} for x in self.parts]
+        gains = [{**vars(x), "name": x.reduction.name, "reduction": str(x.reduction)} for x in self.gains]
         return {"schema": "hhtbench.parts/2", "parts": parts, "reductions": gains}
 
     def __str__(self) -> str:
-        parts = ["part", "its calls", "all calls", "us absent", "us present", "B absent", "B present"]
-        parts += ["operations", "in Python", "B left"]
-        gains = ["reduction", "switch", "us with", "us without", "gain", "apart", "describe"]
-        tables = [
-            tabulate([x.row() for x in self.parts], headers=parts, disable_numparse=True),
-            tabulate([x.row() for x in self.gains], headers=gains, disable_numparse=True, maxcolwidths=[None] * 6 + [60]),
-        ]
+        tables = (
+            tabulate([x.row() for x in rows], headers="keys", disable_numparse=True, maxcolwidths=60)
+            for rows in (self.parts, self.gains)
+        )
         return "\n\n".join([*tables, NOTES, *self.faults])
 
 
-NOTES = """A step in the mean, `absent -> present` where there is one column: calls of a system of plain callables, whose
+NOTES = """A step in the mean, `absent -> present`: calls of a system of plain callables, whose
 derivatives are differences, with the terms that are derived; microseconds of processor time in machine code; bytes of the
 arrays that the loop works in; operations of all functions of a step in machine code; calls of functions in Python, without
 which nothing is allocated, in such a run; bytes that steps by hand leave behind. Judged of an absent part: no calls of its
@@ -244,4 +238,4 @@ def line_of(reduction: Reduction) -> str:
 
 
 def _both(numbers: Any) -> str:
-    return " -> ".join(f"{x:.3g}" for x in numbers)
+    return " -> ".join(f"{x:.4g}" for x in numbers)

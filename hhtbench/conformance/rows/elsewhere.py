@@ -70,7 +70,8 @@ class Changed:
 
 
 def _rows(x: hb.Solution, change: Callable[[np.ndarray], np.ndarray], *names: str) -> hb.Solution:
-    return replace(x, **{name: change(getattr(x, name)) for name in names})
+    changed: Any = {name: change(getattr(x, name)) for name in names}
+    return replace(x, **changed)
 
 
 CHANGES: dict[str, Callable[[hb.Solution], hb.Solution]] = {

@@ -23,11 +23,7 @@ STARTS = {  # with the level that is off
 }
 
 
-@row(
-    "I1",
-    "q0 off by 1e-3, by 10 %; v0 not tangent",
-    "inconsistent_initial with the residual; calc_initcond corrects, says so",
-)
+@row("I1", "q0 off by 1e-3, by 10 %; v0 not tangent", "inconsistent_initial with the level; calc_initcond corrects")
 def off_the_constraints(subject: Subject, request: dict[str, Any]) -> Cases:
     """Both levels after the correction at most 1e-12."""
     for case, (q0, v0, level) in STARTS.items():

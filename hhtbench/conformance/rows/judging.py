@@ -91,11 +91,11 @@ def judged(cases: Cases, subject: Subject, seconds: float = math.inf, most_faili
     slowest = max(subject.took, default=0.0)
     numbers = [x for x in found.values() if isinstance(x, Number)]
     largest = {(x.most, x.what): x for x in sorted(numbers, key=lambda x: x.value)}
-    text = [f"{len(found) - len(faults)} of {len(found)} cases", *map(str, largest.values())]
-    text += [f"slowest {slowest:.2g} s of {seconds:g} allowed"] * math.isfinite(seconds)
-    text += [f"{case}: {fault}".strip(": ") for case, fault in list(faults.items())[:2]]
+    texts = [f"{len(found) - len(faults)} of {len(found)} cases", *map(str, largest.values())]
+    texts += [f"slowest {slowest:.2g} s of {seconds:g} allowed"] * math.isfinite(seconds)
+    texts += [f"{case}: {fault}".strip(": ") for case, fault in list(faults.items())[:2]]
     holds = bool(found) and len(faults) <= most_failing * len(found)
-    return Finding(measured="; ".join(text), holds=holds, in_time=slowest <= seconds, failing=tuple(faults))
+    return Finding(measured="; ".join(texts), holds=holds, in_time=slowest <= seconds, failing=tuple(faults))
 
 
 def ends(solution: hb.Solution, *expected: hb.Status, words: tuple[str, ...] = ()) -> str:

@@ -72,16 +72,10 @@ def budgets(subject: Subject, request: dict[str, Any]) -> Cases:
     yield "seconds", ends(subject.ask(given, **request, max_seconds=1e-9), STATUS.deadline, words=("seconds",))
 
 
-BUDGET, SLACK = 0.2, 0.1  # [s]: a step, the rows, and waiting for the core
+BUDGET, LATEST = 0.2, 0.3  # [s]: for a step, the rows, and waiting for the core
 
 
-@row(
-    "O6",
-    "max_seconds 0.2 on an endless problem, compiled and not yet",
-    "deadline within 0.2 s and one step",
-    seconds=BUDGET + SLACK,
-    lane=Lane.slow,
-)
+@row("O6", "max_seconds 0.2, compiled and not yet", "deadline within 0.2 s and one step", seconds=LATEST, lane=Lane.slow)
 def deadline(subject: Subject) -> Cases:
     """A system of a class of its own, so that nothing is compiled the first time; the solver's modules are imported."""
 

@@ -20,12 +20,7 @@ FINE = 1e-5  # tolerances below which differences may not suffice
 SPENT = 1_000  # steps that a run must have taken before the end of a budget names a cause
 
 
-@row(
-    "R8",
-    "200 random systems, options and faults",
-    "no hang, no crash; what is sound succeeds, on the constraints; what is not is named",
-    lane=Lane.slow,
-)
+@row("R8", "200 random systems, options and faults", "what is sound succeeds, what is not is named", lane=Lane.slow)
 def random_cases(subject: Subject) -> Cases:
     """By seed; hypothesis and 10,000 cases are the fuzzing's.
 

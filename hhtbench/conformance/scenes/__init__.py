@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hhtbench.conformance.scenes.moving_circle import moving_circle
-from hhtbench.conformance.scenes.oscillator import oscillator
 from hhtbench.conformance.scenes.pendulum import DeclaredPendulum, HeavyingPendulum, pendulum
 from hhtbench.conformance.scenes.scene import Scene
-from hhtbench.conformance.scenes.velocity_rows import screw, skate
+from hhtbench.conformance.scenes.small import moving_circle, oscillator, screw, skate
 
 SCENES: dict[str, Callable[[], Scene]] = {
     "unconstrained": oscillator,

@@ -200,7 +200,15 @@ AHEAD, ASIDE = np.eye(2)
 BEND = 2.0  # radius of the circle on which masses slide and bounce [m]
 
 
-class OneSided(System):
+class Guided(System):
+    """A mass on the circle."""
+
+    def constraint(self, t: Any, q: Any) -> Any:
+        """The circle."""
+        return off_circle(q, AHEAD, ASIDE, BEND)[None]
+
+
+class OneSided(Guided):
     """A mass that meets a spring at 0, guided along a circle."""
 
     stiffness: Any = parameter(1e4, doc="[1/s^2]")
@@ -209,10 +217,6 @@ class OneSided(System):
         """The spring while it is pressed."""
         x = arc(q, v, AHEAD, ASIDE, BEND)
         return self.stiffness * jnp.maximum(-x.length, 0.0) * x.tangent + PRESS * x.normal
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """The circle."""
-        return off_circle(q, AHEAD, ASIDE, BEND)[None]
 
 
 def bouncing(stiffness: float, span: float) -> Problem:
@@ -235,7 +239,7 @@ def bouncing(stiffness: float, span: float) -> Problem:
     )
 
 
-class Sliding(System):
+class Sliding(Guided):
     """A mass on a circle with a friction of 1 m/s^2 that changes its sign within the speed ``width``."""
 
     width: Any = parameter(1e-2, doc="[m/s]")
@@ -245,12 +249,8 @@ class Sliding(System):
         x = arc(q, v, AHEAD, ASIDE, BEND)
         return -jnp.tanh(x.rate / self.width) * x.tangent + PRESS * x.normal
 
-    def constraint(self, t: Any, q: Any) -> Any:
-        """The circle."""
-        return off_circle(q, AHEAD, ASIDE, BEND)[None]
 
-
-class Rubbing(System):
+class Rubbing(Guided):
     """The same, where friction is as large as the multiplier: what presses the mass leaves it at 1 m/s^2 at every speed."""
 
     width: Any = parameter(1e-2, doc="[m/s]")
@@ -259,10 +259,6 @@ class Rubbing(System):
         """What presses."""
         x = arc(q, v, AHEAD, ASIDE, BEND)
         return (1.0 - x.rate**2 / BEND) * x.normal
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """The circle."""
-        return off_circle(q, AHEAD, ASIDE, BEND)[None]
 
     def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
         """Along the normal, and friction against the motion."""

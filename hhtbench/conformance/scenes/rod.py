@@ -53,7 +53,7 @@ def plane(**functions: Any) -> hb.NumpySystem:
     return hb.NumpySystem(**{**given, **functions})
 
 
-def spoiled(name: str, bad: float | BaseException, when: Callable[[float, int], bool]) -> hb.NumpySystem:
+def spoiled(name: str, bad: float | BaseException, when: Callable[..., bool]) -> hb.NumpySystem:
     """The plane pendulum whose function ``name`` holds ``bad``, or raises it, where ``when(t, number of the call)``."""
     calls = [0]
 

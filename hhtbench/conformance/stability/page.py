@@ -34,7 +34,7 @@ ABOUT = (
 )
 LINE = 17  # pixels of one line of a map
 PALEST = 0.35
-MARKS = {  # colour and mark of a class: told apart with colour-blind eyes, and without colours
+MARKS = {  # colour and mark of a class: distinct for colour-blind eyes, and without colours
     Kind.right: ("#009E73", "square"),
     Kind.named: ("#56B4E9", "diamond"),
     Kind.budget: ("#E69F00", "triangle-up"),

@@ -40,10 +40,7 @@ WORDS = {
     Kind.crashed: "crashed",
     Kind.hung: "hung",
 }
-FIELDS = (
-    *("solver", "x", "line", "status", "message", "share"),
-    *("steps", "evaluations", "attempts", "newton_iterations", "seconds"),
-)
+FIELDS = ("solver", "x", "line", "status", "message", "share", "steps", "evaluations", "seconds")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -48,14 +48,14 @@ def outcome_in(worker: Worker, batch: Batch, place: int) -> Outcome:
     cell = cells_of(batch.family, batch.seed)[place]
     began, most = time.perf_counter(), 2 * cell.seconds + MAX_OVERDUE
     try:
-        found: Outcome = worker.call(_outcome, batch, place, seconds=most)
-        return found
+        measured: Outcome = worker.call(_outcome, batch, place, seconds=most)
+        return measured
     except TimeoutError:
         kind, text = Kind.hung, f"no answer in {most:g} s, of which {cell.seconds:g} s were its budget; killed"
     except EOFError as ended:
         kind, text = Kind.crashed, str(ended)
-    ended = Outcome(kind=kind, status=Status.crashed.label, message=text, seconds=time.perf_counter() - began)
-    return replace(ended, id=batch.family, case=str(cell), solver=batch.solver, x=cell.x, line=cell.line)
+    found = Outcome(kind=kind, status=Status.crashed.label, message=text, seconds=time.perf_counter() - began)
+    return replace(found, id=batch.family, case=str(cell), solver=batch.solver, x=cell.x, line=cell.line)
 
 
 def _outcome(batch: Batch, place: int) -> Outcome:
