@@ -15,7 +15,6 @@ from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.dynamics.dynamics import evaluate
-from hhtbench.protocol import declared
 
 DIFFERENCE_BOUND = 1e-6
 FIRST_ORDER_BOUND = 1e-4  # first-order differences serve Newton's matrix only, where four digits are plenty
@@ -159,23 +158,20 @@ def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sa
     """One row per derivative; ``faulty``: declared derivatives of the wrong shape, with the reason."""
     rows: dict[str, Row] = {}
     for name in names_of(dynamics.structure):
-        derivative = DERIVED[name]
-        is_declared = derivative.declared_as and declared(dynamics.system, derivative.declared_as) is not None
-        origin = "declared" if is_declared else "derived"
-        first_order = not is_declared and derivative.first_order and route_of(dynamics) == "numpy"
-        claim = f"{derivative.text} ({origin}) agrees with {SYMBOLS[derivative.part]}"
-        bound = f"{FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND:.0e} by differences"
+        derivative, reason = DERIVED[name], ""
+        is_declared = references.declares(derivative.declared_as)
+        first_order = derivative.first_order and references.from_differences and not is_declared
+        limit = FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND
+        claim = f"{derivative.text} ({'declared' if is_declared else 'derived'}) agrees with {SYMBOLS[derivative.part]}"
         failed = [f"derivative/{x}" for x in derivative.rests_on if x in rows and rows[x].passed is False]
-        rests_on = [] if is_declared else failed
         if is_declared and derivative.declared_as in faulty:
             reason = f"{derivative.declared_as} is faulty (row shape/{derivative.declared_as})"
-            rows[name] = not_measured(f"derivative/{name}", claim, bound, reason)
-        elif rests_on:
-            reason = f"it is made from {' and '.join(rests_on)}, which fail"
-            rows[name] = not_measured(f"derivative/{name}", claim, bound, reason)
+        elif failed and not is_declared:
+            reason = f"it is made from {' and '.join(failed)}, which fail"
+        if reason:
+            rows[name] = not_measured(f"derivative/{name}", claim, f"{limit:.0e} by differences", reason)
         else:
-            limit = FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND
-            rows[name] = _row(name, claim, limit, references, samples, bool(is_declared))
+            rows[name] = _row(name, claim, limit, references, samples, is_declared)
     return list(rows.values())
 
 
@@ -192,19 +188,16 @@ def _row(name: str, claim: str, limit: float, references: References, samples: l
         if not is_declared or isinstance(automatic, str):
             continue
         if worse(Worst(), automatic, roughly, floor, "").size <= FIRST_ORDER_BOUND:  # beside a kink it need not agree
-            exact, judged = (
-                worse(exact, given, replace(roughly, matrix=automatic, error=0.0), EXACT_FLOOR, sample.label),
-                True,
-            )
+            exactly, judged = replace(roughly, matrix=automatic, error=0.0), True
+            exact = worse(exact, given, exactly, EXACT_FLOOR, sample.label)
     good = difference.size <= limit and exact.size <= EXACT_BOUND
     blur, where = max((one.blur, sample.label) for one, sample in zip(expected, samples, strict=True))
     if good and not judged and blur > USABLE:
         return _unjudged(name, claim, bound, references, where)
     bound += f" beside their own error of {blur:.0e}" if blur > limit else ""
     bound += f", {EXACT_BOUND:.0e} by automatic differentiation" if judged else ""
-    measured = f"{difference.size:.1e} by differences" + (
-        f", {exact.size:.1e} by automatic differentiation" if judged else ""
-    )
+    measured = f"{difference.size:.1e} by differences"
+    measured += f", {exact.size:.1e} by automatic differentiation" if judged else ""
     if difference.size > limit:
         measured = f"{difference.size:.1e} by differences ({difference.text})"
     elif not good:
