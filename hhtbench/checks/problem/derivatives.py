@@ -111,7 +111,7 @@ class Sample:
     state: Probe
     reference: Reference
     given: dict[str, Matrix | str]  #: derivative -> (rows, columns), or why there is none
-    automatic: dict[str, Matrix | str]  #: the same by automatic differentiation alone; {} for plain callables
+    automatic: dict[str, Matrix | str]  #: of those declared, by automatic differentiation alone
 
 
 def names_of(s: Structure) -> tuple[str, ...]:
@@ -132,10 +132,10 @@ def _shape(s: Structure, name: str) -> tuple[int, int]:
     return part_rows(s, derivative.part), sizes[derivative.by]
 
 
-def given_derivatives(dynamics: Dynamics) -> Callable[[Probe], dict[str, Matrix | str]]:
-    """A function of the state that gives every derivative, or the reason why one cannot be had."""
+def given_derivatives(dynamics: Dynamics, names: tuple[str, ...] = ()) -> Callable[[Probe], dict[str, Matrix | str]]:
+    """A function of the state that gives the derivatives ``names``, all by default, or the reason why one cannot be had."""
     s = dynamics.structure
-    names = names_of(s)
+    names = names or names_of(s)
     if route_of(dynamics) == "xla":
         compiled = compile_function(packed_derivatives, dynamics, names)
         bounds = np.cumsum([np.prod(_shape(s, name)) for name in names])[:-1]
@@ -152,6 +152,12 @@ def given_derivatives(dynamics: Dynamics) -> Callable[[Probe], dict[str, Matrix 
         return found
 
     return one_by_one
+
+
+def automatic_derivatives(references: References) -> Callable[[Probe], dict[str, Matrix | str]]:
+    """A function of the state that gives derivatives by automatic differentiation alone: of those that the system declares; none of plain callables."""
+    names = tuple(x for x in names_of(references.structure) if references.declares(DERIVED[x].declared_as))
+    return (lambda _: {}) if references.from_differences or not names else given_derivatives(references.plain, names)
 
 
 def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sample], faulty: dict[str, str]) -> list[Row]:
@@ -171,11 +177,11 @@ def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sa
         if reason:
             rows[name] = not_measured(f"derivative/{name}", claim, f"{limit:.0e} by differences", reason)
         else:
-            rows[name] = _row(name, claim, limit, references, samples, is_declared)
+            rows[name] = _row(name, claim, limit, references, samples)
     return list(rows.values())
 
 
-def _row(name: str, claim: str, limit: float, references: References, samples: list[Sample], is_declared: bool) -> Row:
+def _row(name: str, claim: str, limit: float, references: References, samples: list[Sample]) -> Row:
     derivative, row_id = DERIVED[name], f"derivative/{name}"
     difference, exact, bound = Worst(), Worst(), f"{limit:.0e} by differences"
     floor, judged = _difference_floor(name, references), False
@@ -185,7 +191,7 @@ def _row(name: str, claim: str, limit: float, references: References, samples: l
         if isinstance(given, str):
             return Row(id=row_id, claim=claim, measured=f"{given} ({sample.label})", bound=bound, passed=False)
         difference = worse(difference, given, roughly, floor, sample.label)
-        if not is_declared or isinstance(automatic, str):
+        if isinstance(automatic, str):
             continue
         if worse(Worst(), automatic, roughly, floor, "").size <= FIRST_ORDER_BOUND:  # beside a kink it need not agree
             exactly, judged = replace(roughly, matrix=automatic, error=0.0), True
