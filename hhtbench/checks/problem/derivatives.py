@@ -155,7 +155,7 @@ def given_derivatives(dynamics: Dynamics, names: tuple[str, ...] = ()) -> Callab
 
 
 def automatic_derivatives(references: References) -> Callable[[Probe], dict[str, Matrix | str]]:
-    """A function of the state that gives derivatives by automatic differentiation alone: of those that the system declares; none of plain callables."""
+    """A function of the state that gives, by automatic differentiation alone, what a JAX system declares itself."""
     names = tuple(x for x in names_of(references.structure) if references.declares(DERIVED[x].declared_as))
     return (lambda _: {}) if references.from_differences or not names else given_derivatives(references.plain, names)
 
