@@ -23,7 +23,7 @@ from hhtbench.checks.result.judge import Judgement, judge
 from hhtbench.reference.plan import registered_plans, validated_spec
 from hhtbench.registry import list_problems, load_problem, load_solver
 from hhtbench.result import Ends, ends_of
-from tests.trust.liars import MOTIONS, Liar
+from tests.trust.faulty import MOTIONS, Faulty
 
 CONTROLLED = (
     *(
@@ -85,8 +85,8 @@ def lies(problem: Problem) -> Iterator[tuple[str, dict[str, Any], Judgement]]:
     """Motion, setting and judgement of every liar."""
     t = np.linspace(*problem.t_span, ROWS)
     for motion in MOTIONS:
-        rows = Liar(motion).solve(problem, Request(rtol=1e-3, t_eval=t))
-        every = Liar(motion).solve(problem, Request(rtol=1e-3))
+        rows = Faulty(motion).solve(problem, Request(rtol=1e-3, t_eval=t))
+        every = Faulty(motion).solve(problem, Request(rtol=1e-3))
         rows = replace(rows, ends=Ends(t=every.t, q=every.q, v=every.v))
         for setting in settings():
             yield motion, setting, judge(problem, Request(t_eval=t, **setting), rows)

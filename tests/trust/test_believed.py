@@ -7,26 +7,14 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.conformance.scenes.pendulum import pendulum
+from tests.trust.faulty import Returning
 
 PROBLEM = pendulum().problem
 TIMES = np.linspace(*PROBLEM.t_span, 9)
 
 
-class Lying:
-    name = "lying"
-
-    def __init__(self, change):
-        self.change = change
-
-    def accepts(self, problem, request):
-        return None
-
-    def solve(self, problem, request):
-        return self.change(hb.load_solver("hht").solve(problem, request))
-
-
 def believed(change, problem=PROBLEM, **request):
-    return hb.solve(problem, Lying(change), rtol=1e-6, **request)
+    return hb.solve(problem, Returning(change=change), rtol=1e-6, **request)
 
 
 def off_the_tangent(x):
@@ -45,15 +33,15 @@ def without_multipliers(x):
     return replace(x, lam=x.lam[:, :0])
 
 
-LIES = {off_the_tangent: "constraints", frozen: "motion", one_ulp_short: "end", without_multipliers: "shapes: lam has 0"}
+WRONG = {off_the_tangent: "constraints", frozen: "motion", one_ulp_short: "end", without_multipliers: "shapes: lam has 0"}
 
 
 @pytest.mark.parametrize("times", [TIMES, None], ids=["rows", "steps"])
-@pytest.mark.parametrize("lie", LIES, ids=lambda lie: lie.__name__)
-def test_it_is_not_believed(lie, times):
-    found = believed(lie, t_eval=times)
+@pytest.mark.parametrize("wrong", WRONG, ids=lambda wrong: wrong.__name__)
+def test_it_is_not_believed(wrong, times):
+    found = believed(wrong, t_eval=times)
     assert found.status is hb.Status.unreliable
-    assert found.message.startswith(LIES[lie])
+    assert found.message.startswith(WRONG[wrong])
 
 
 def test_a_consistent_start_is_not_moved_by_calc_initcond():

@@ -1,5 +1,6 @@
 """Motions whose prescribed velocities jump: right runs are believed, those that miss the impulse are not."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -111,3 +112,41 @@ def test_a_campaign_believes_hht_on_a_table_of_positions(tmp_path):
     rows = hb.run(f"{scene}:driven", ["hht", "rattle"], rtol=[1e-6], steps=[600], jobs=1, timing=False).rows
     verdicts = {(row.solver, row.status) for row in rows if row.status != "declined"}
     assert verdicts == {("hht", "success"), ("rattle", "success")}
+
+
+class Drive(hb.System):
+    """A pendulum of 1 m whose pivot moves at 1 m/s, and from ``turn`` on back at 0.5 m/s: (pivot x, bob x, bob y)."""
+
+    turn: object = hb.parameter(1.0)
+
+    def mass_matrix(self, t, q):
+        return jnp.diag(jnp.array([1.0, 2.0, 2.0]))
+
+    def force(self, t, q, v):
+        return jnp.array([0.0, 0.0, -2.0 * G])
+
+    def constraint(self, t, q):
+        pivot = jnp.where(t < self.turn, t, 1.5 * self.turn - 0.5 * t)
+        return jnp.stack([q[0] - pivot, ((q[1] - q[0]) ** 2 + q[2] ** 2 - 1.0) / 2.0])
+
+
+DRIVE = hb.Problem(name="drive", system=Drive(), t_span=(0.0, 2.0), q0=[0.0, 0.0, -1.0], v0=[1.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("solver", "asked"),
+    [
+        *(("hht", one) for one in ({"rtol": 1e-4}, {"step": 0.011}, {"accuracy": 1e-2})),
+        *(("rattle", {"step": 0.01}), ("projected", {"rtol": 1e-8}), ("projected", {"accuracy": 1e-2})),
+    ],
+)
+def test_a_pivot_that_turns_back_is_right_and_believed(solver, asked):
+    """It hangs at rest until 1 s, when its angle a gets a' = 1.5 rad/s; then a'' = -g sin(a)."""
+    swing = solve_ivp(lambda _, y: [y[1], -G * np.sin(y[0])], (1.0, 2.0), [0.0, 1.5], "DOP853", rtol=1e-12, atol=1e-13)
+    a = swing.y[0, -1]
+    found = hb.solve(DRIVE, solver, **asked)
+    assert found.success, found.message
+    np.testing.assert_allclose(found.q[-1], [0.5, 0.5 + np.sin(a), -np.cos(a)], rtol=0, atol=1e-2)
+    if "accuracy" not in asked:
+        judgement = found.verify()
+        assert (judgement.doubt, judgement.not_judged, judgement.jumps) == ("", "", (1.0,))

@@ -12,7 +12,7 @@ from hhtbench import Counters, Ends, NumpySystem, Problem, Request, Solution, St
 from hhtbench.checks.result.between import stand_out
 from hhtbench.checks.result.judge import Judgement, judge
 from hhtbench.checks.result.success import too_few
-from tests.trust.liars import MOTIONS, Liar
+from tests.trust.faulty import MOTIONS, Faulty
 
 PROBLEMS = ("simple_pendulum", "knife_edge", "jay_negrut_test1")
 HONEST = {  # solvers that take the problem
@@ -53,13 +53,13 @@ def test_honest_solves_are_believed_and_tight_ones_judged(name: str, solver: str
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_a_motion_of_something_else_is_found(name: str, motion: str):
     problem = load_problem(name)
-    found = judged(problem, Liar(motion), rtol=1e-6)
+    found = judged(problem, Faulty(motion), rtol=1e-6)
     assert found.doubt.partition(":")[0] in ("equations of motion", "constraints", "start")
 
 
 @pytest.mark.parametrize("motion", ["straight line", "frozen", "without reaction", "stopped half-way"])
 def test_what_knows_of_no_force_is_found_at_any_tolerance(motion: str):
-    found = judged(load_problem("simple_pendulum"), Liar(motion), rtol=1e-2)
+    found = judged(load_problem("simple_pendulum"), Faulty(motion), rtol=1e-2)
     assert found.doubt
 
 
@@ -69,7 +69,7 @@ def test_constant_steps_set_the_measure_themselves(name: str, steps: int):
     for solver in ("hht", "generalised_alpha", "hht_i3"):
         found = judged(problem, load_solver(solver), steps=steps)
         assert (found.doubt, found.not_judged) == ("", "")
-    assert judged(problem, Liar("other force"), steps=2000).doubt
+    assert judged(problem, Faulty("other force"), steps=2000).doubt
 
 
 def begun(force: Any) -> Problem:
@@ -101,7 +101,7 @@ def test_constant_steps_may_be_off_where_the_force_begins_later(force: str, solv
 
 @pytest.mark.parametrize("force", LATE)
 def test_a_force_that_begins_later_may_not_be_another(force: str):
-    assert judged(begun(LATE[force]), Liar("other force"), steps=397).doubt.startswith("equations of motion: ")
+    assert judged(begun(LATE[force]), Faulty("other force"), steps=397).doubt.startswith("equations of motion: ")
 
 
 FALL = Problem(name="fall", system=NumpySystem(force=lambda t, q, v: 0 * q - 9.81), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
@@ -113,7 +113,7 @@ def fall(t: np.ndarray, g: float = 9.81, **changes: Any) -> Solution:
     return Solution(**{**true, "status": Status.success, "message": "there", **changes})
 
 
-def test_rows_or_steps_alone_may_not_lie():
+def test_neither_rows_nor_steps_may_be_wrong_alone():
     """Steps of another gravity beside true rows, and the other way round; a plugin without forces of its own at all."""
     t, ends = np.linspace(0.0, 1.0, 11), np.linspace(0.0, 1.0, 40)
     request, true, other = Request(rtol=1e-6, t_eval=t), fall(t), fall(t, g=9.7)
@@ -123,7 +123,7 @@ def test_rows_or_steps_alone_may_not_lie():
     assert judge(FALL, request, replace(other, ends=true_steps)).doubt.startswith("equations of motion: ")
 
 
-def test_only_the_last_row_lies():
+def test_one_wrong_row_at_the_end_is_found():
     t = np.linspace(0.0, 1.0, 11)
     q = fall(t).q.copy()
     q[-1] = q[-2]

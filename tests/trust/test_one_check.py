@@ -17,7 +17,7 @@ from hhtbench.checks.result.judge import judge
 from hhtbench.lowering import ConstraintLevels, at_rows, derive, native
 from hhtbench.lowering.dynamics.levels import level_terms
 from solvers.hht.adapter import HHTSolver
-from tests.trust.liars import Liar
+from tests.trust.faulty import Faulty, Returning
 
 PENDULUM = hb.load_problem("simple_pendulum")
 TIMES = np.linspace(*PENDULUM.t_span, 41)
@@ -100,25 +100,16 @@ def test_the_message_names_the_constraint_and_its_time(kind: Any, name: str, ben
     rows = {"t": t, "q": q, "v": v, "lam": np.zeros((5, 2)), "mu": np.zeros((5, 1))}
     told = hb.Solution(status=hb.Status.success, message="", **rows)
 
-    class Given:
-        name = "given"
-
-        def accepts(self, problem: Any, request: Any) -> None:
-            return None
-
-        def solve(self, problem: Any, request: Any) -> hb.Solution:
-            return told
-
-    found = hb.solve(problem, Given(), rtol=1e-4)
+    found = hb.solve(problem, Returning(told), rtol=1e-4)
     assert found.message.startswith(f"constraints: {name} is violated by up to"), found.message
     assert "most at t = 0.5;" in found.message
 
 
 def test_a_motion_by_other_forces_is_believed_at_first_and_found_by_verify():
     """Its forces are a fifth larger and its rows hold the constraint, so that only an integration can tell."""
-    lying = hb.solve(PENDULUM, Liar("other force"), rtol=1e-6, t_eval=TIMES)
-    assert lying.success, lying.message
-    assert lying.verify().doubt.startswith("equations of motion: from the row at t = ")
+    wrong = hb.solve(PENDULUM, Faulty("other force"), rtol=1e-6, t_eval=TIMES)
+    assert wrong.success, wrong.message
+    assert wrong.verify().doubt.startswith("equations of motion: from the row at t = ")
 
 
 @pytest.mark.parametrize("solver", ["hht", "ida(form=ggl)"])

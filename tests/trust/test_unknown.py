@@ -13,7 +13,7 @@ import hhtbench as hb
 from hhtbench import Request, Solution
 from hhtbench.campaign.metrics import measure
 from hhtbench.checks.result.judge import judge
-from tests.trust.test_rows import Plugin
+from tests.trust.faulty import Returning
 
 BARS = hb.load_problem("four_bars(n_windows=1, t_end=1.0)")
 FLAT = brentq(lambda t: BARS.exact(t).q[2], 0.6, 0.8)  # [s]: the bars are horizontal
@@ -38,12 +38,12 @@ def test_rows_without_multipliers_beside_a_singular_position_are_believed(made: 
     assert np.flatnonzero(made.unknown).tolist() == [3, 4, 5, 6, 7]
     found = judge(BARS, ASKED, made)
     assert (found.doubt, found.not_judged) == ("", "")
-    assert hb.solve(BARS, Plugin(made), rtol=1e-6, t_eval=ASKED.t_eval).success
+    assert hb.solve(BARS, Returning(made), rtol=1e-6, t_eval=ASKED.t_eval).success
 
 
 @pytest.mark.parametrize("rows", [1, -1, slice(None)], ids=["one", "last", "all"])
 def test_elsewhere_they_are_not(made: Solution, rows: Any):
-    found = hb.solve(BARS, Plugin(without(made, rows)), rtol=1e-6, t_eval=ASKED.t_eval)
+    found = hb.solve(BARS, Returning(without(made, rows)), rtol=1e-6, t_eval=ASKED.t_eval)
     for doubt in (judge(BARS, ASKED, without(made, rows)).doubt, found.message):
         assert doubt.startswith("finiteness: multipliers are nan in row")
     assert found.status is hb.Status.unreliable

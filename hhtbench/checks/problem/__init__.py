@@ -9,7 +9,7 @@ import numpy as np
 from hhtbench.arguments import Vector
 from hhtbench.checks.problem.conservation import conservation_rows
 from hhtbench.checks.problem.data import data_rows, measured_rows
-from hhtbench.checks.problem.derivatives import DERIVED, Sample, derivative_rows, given_derivatives
+from hhtbench.checks.problem.derivatives import DERIVED, Sample, automatic_derivatives, derivative_rows, given_derivatives
 from hhtbench.checks.problem.reference import Probe, References
 from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.checks.problem.scales import Sizes, sizes_of
@@ -111,7 +111,7 @@ def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[Probe]:
 def _samples(dynamics: Dynamics, references: References, states: list[Probe]) -> tuple[Row, list[Sample]]:
     """References and given derivatives at every state where the system is defined; the start must be one."""
     given = given_derivatives(dynamics)
-    automatic = (lambda _: {}) if references.from_differences else given_derivatives(references.plain)
+    automatic = automatic_derivatives(references)
     samples, fault, left_out = [], "", 0
     for i, state in enumerate(states):
         label = "at the start" if i == 0 else f"at random state {i}"

@@ -89,24 +89,18 @@ def _constancy_row(problem: Problem, names: list[str], motion: list[Point]) -> R
 
 def _changes(problem: Problem, names: list[str], motion: list[Point]) -> dict[str, float]:
     """Largest change over the size, by name; what v adds counts too: a sum that stays zero has the size of its parts."""
-    found: dict[str, list[float]] = {}
-    parts: dict[str, float] = {}
-    kinetic = 0.0
-    for t, q, v in motion:
-        if "energy" in names:
-            energy = declared(problem.system, "energy")
-            found.setdefault("energy", []).append(float(energy(t, q, v)))
-            kinetic = max(kinetic, abs(float(energy(t, q, v)) - float(energy(t, q, 0 * v))))
-        if "invariants" in names:
-            at_rest = declared(problem.system, "invariants")(t, q, 0 * v)
-            for name, value in declared(problem.system, "invariants")(t, q, v).items():
-                found.setdefault(name, []).append(float(np.asarray(value)))
-                part = abs(float(np.asarray(at_rest[name])))
-                parts[name] = max(parts.get(name, 0.0), part if np.isfinite(part) else 0.0)
+
+    def values(t: float, q: Vector, v: Vector) -> dict[str, float]:
+        found = {"energy": declared(problem.system, "energy")(t, q, v)} if "energy" in names else {}
+        found |= declared(problem.system, "invariants")(t, q, v) if "invariants" in names else {}
+        return {name: float(np.asarray(value)) for name, value in found.items()}
+
+    moving, resting = [values(*place) for place in motion], [values(t, q, 0 * v) for t, q, v in motion]
     changes = {}
-    for name, values in found.items():
-        size = max(*np.abs(values), kinetic if name == "energy" else parts.get(name, 0.0))
-        changes[name] = float(np.max(np.abs(np.array(values) - values[0])) / (size or 1.0))
+    for name in moving[0]:
+        found, parts = (np.array([one[name] for one in places]) for places in (moving, resting))
+        size = float(np.max(np.abs(found), initial=np.max(np.abs(parts[np.isfinite(parts)]), initial=0.0)))
+        changes[name] = float(np.max(np.abs(found - found[0])) / (size or 1.0))
     return changes
 
 

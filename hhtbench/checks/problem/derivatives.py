@@ -15,7 +15,6 @@ from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.evidence import Row
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.dynamics.dynamics import evaluate
-from hhtbench.protocol import declared
 
 DIFFERENCE_BOUND = 1e-6
 FIRST_ORDER_BOUND = 1e-4  # first-order differences serve Newton's matrix only, where four digits are plenty
@@ -112,7 +111,7 @@ class Sample:
     state: Probe
     reference: Reference
     given: dict[str, Matrix | str]  #: derivative -> (rows, columns), or why there is none
-    automatic: dict[str, Matrix | str]  #: the same by automatic differentiation alone; {} for plain callables
+    automatic: dict[str, Matrix | str]  #: of those declared, by automatic differentiation alone
 
 
 def names_of(s: Structure) -> tuple[str, ...]:
@@ -133,10 +132,10 @@ def _shape(s: Structure, name: str) -> tuple[int, int]:
     return part_rows(s, derivative.part), sizes[derivative.by]
 
 
-def given_derivatives(dynamics: Dynamics) -> Callable[[Probe], dict[str, Matrix | str]]:
-    """A function of the state that gives every derivative, or the reason why one cannot be had."""
+def given_derivatives(dynamics: Dynamics, names: tuple[str, ...] = ()) -> Callable[[Probe], dict[str, Matrix | str]]:
+    """A function of the state that gives the derivatives ``names``, all by default, or the reason why one cannot be had."""
     s = dynamics.structure
-    names = names_of(s)
+    names = names or names_of(s)
     if route_of(dynamics) == "xla":
         compiled = compile_function(packed_derivatives, dynamics, names)
         bounds = np.cumsum([np.prod(_shape(s, name)) for name in names])[:-1]
@@ -155,31 +154,34 @@ def given_derivatives(dynamics: Dynamics) -> Callable[[Probe], dict[str, Matrix 
     return one_by_one
 
 
+def automatic_derivatives(references: References) -> Callable[[Probe], dict[str, Matrix | str]]:
+    """A function of the state that gives, by automatic differentiation alone, what a JAX system declares itself."""
+    names = tuple(x for x in names_of(references.structure) if references.declares(DERIVED[x].declared_as))
+    return (lambda _: {}) if references.from_differences or not names else given_derivatives(references.plain, names)
+
+
 def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sample], faulty: dict[str, str]) -> list[Row]:
     """One row per derivative; ``faulty``: declared derivatives of the wrong shape, with the reason."""
     rows: dict[str, Row] = {}
     for name in names_of(dynamics.structure):
-        derivative = DERIVED[name]
-        is_declared = derivative.declared_as and declared(dynamics.system, derivative.declared_as) is not None
-        origin = "declared" if is_declared else "derived"
-        first_order = not is_declared and derivative.first_order and route_of(dynamics) == "numpy"
-        claim = f"{derivative.text} ({origin}) agrees with {SYMBOLS[derivative.part]}"
-        bound = f"{FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND:.0e} by differences"
+        derivative, reason = DERIVED[name], ""
+        is_declared = references.declares(derivative.declared_as)
+        first_order = derivative.first_order and references.from_differences and not is_declared
+        limit = FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND
+        claim = f"{derivative.text} ({'declared' if is_declared else 'derived'}) agrees with {SYMBOLS[derivative.part]}"
         failed = [f"derivative/{x}" for x in derivative.rests_on if x in rows and rows[x].passed is False]
-        rests_on = [] if is_declared else failed
         if is_declared and derivative.declared_as in faulty:
             reason = f"{derivative.declared_as} is faulty (row shape/{derivative.declared_as})"
-            rows[name] = not_measured(f"derivative/{name}", claim, bound, reason)
-        elif rests_on:
-            reason = f"it is made from {' and '.join(rests_on)}, which fail"
-            rows[name] = not_measured(f"derivative/{name}", claim, bound, reason)
+        elif failed and not is_declared:
+            reason = f"it is made from {' and '.join(failed)}, which fail"
+        if reason:
+            rows[name] = not_measured(f"derivative/{name}", claim, f"{limit:.0e} by differences", reason)
         else:
-            limit = FIRST_ORDER_BOUND if first_order else DIFFERENCE_BOUND
-            rows[name] = _row(name, claim, limit, references, samples, bool(is_declared))
+            rows[name] = _row(name, claim, limit, references, samples)
     return list(rows.values())
 
 
-def _row(name: str, claim: str, limit: float, references: References, samples: list[Sample], is_declared: bool) -> Row:
+def _row(name: str, claim: str, limit: float, references: References, samples: list[Sample]) -> Row:
     derivative, row_id = DERIVED[name], f"derivative/{name}"
     difference, exact, bound = Worst(), Worst(), f"{limit:.0e} by differences"
     floor, judged = _difference_floor(name, references), False
@@ -189,22 +191,19 @@ def _row(name: str, claim: str, limit: float, references: References, samples: l
         if isinstance(given, str):
             return Row(id=row_id, claim=claim, measured=f"{given} ({sample.label})", bound=bound, passed=False)
         difference = worse(difference, given, roughly, floor, sample.label)
-        if not is_declared or isinstance(automatic, str):
+        if isinstance(automatic, str):
             continue
         if worse(Worst(), automatic, roughly, floor, "").size <= FIRST_ORDER_BOUND:  # beside a kink it need not agree
-            exact, judged = (
-                worse(exact, given, replace(roughly, matrix=automatic, error=0.0), EXACT_FLOOR, sample.label),
-                True,
-            )
+            exactly, judged = replace(roughly, matrix=automatic, error=0.0), True
+            exact = worse(exact, given, exactly, EXACT_FLOOR, sample.label)
     good = difference.size <= limit and exact.size <= EXACT_BOUND
     blur, where = max((one.blur, sample.label) for one, sample in zip(expected, samples, strict=True))
     if good and not judged and blur > USABLE:
         return _unjudged(name, claim, bound, references, where)
     bound += f" beside their own error of {blur:.0e}" if blur > limit else ""
     bound += f", {EXACT_BOUND:.0e} by automatic differentiation" if judged else ""
-    measured = f"{difference.size:.1e} by differences" + (
-        f", {exact.size:.1e} by automatic differentiation" if judged else ""
-    )
+    measured = f"{difference.size:.1e} by differences"
+    measured += f", {exact.size:.1e} by automatic differentiation" if judged else ""
     if difference.size > limit:
         measured = f"{difference.size:.1e} by differences ({difference.text})"
     elif not good:

@@ -97,8 +97,8 @@ class References:
         self._values = compile_function(packed_parts, plain, self.names)
 
     def declares(self, name: str) -> bool:
-        """Whether the system declares ``name``."""
-        return declared(self.plain.system, name) is not None
+        """Whether the system declares ``name``; the empty name is never declared."""
+        return bool(name) and declared(self.plain.system, name) is not None
 
     def at(self, state: Probe) -> Reference:
         """Values and Jacobians at ``state``."""

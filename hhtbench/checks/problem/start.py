@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.problem.reference import Probe, split
-from hhtbench.checks.problem.rows import attempt, not_measured
+from hhtbench.checks.problem.rows import attempt, not_measured, yes_or_fault
 from hhtbench.checks.problem.scales import Sizes
 from hhtbench.evidence import Row
 from hhtbench.lowering import (
@@ -190,7 +190,7 @@ def _acceleration_row(start: Start) -> Row:
 
 def regularity_rows(start: Start, redundant: bool) -> list[Row]:
     """Rank of the constraints, regularity of the KKT matrix, index; ``redundant``: the problem says that rows depend."""
-    rows = []
+    rows, claim = [], "the mass matrix is regular"
     if start.m + start.p:
         claim, bound = "the rows of the constraint Jacobian [g_q; k_v] are independent", f"rank {start.m + start.p}"
         if redundant:
@@ -202,15 +202,12 @@ def regularity_rows(start: Start, redundant: bool) -> list[Row]:
             measured = f"rank {start.rank.rank}" if full else f"{start.rank.text}: {_names(start)}"
             rows.append(Row(id="rank", claim=claim, measured=measured, bound=bound, passed=full != redundant))
         claim = "the KKT matrix [[M, C^T], [C, 0]] is regular"
-    else:
-        claim = "the mass matrix is regular"
     if start.found is None:
         rows.append(not_measured("kkt", claim, "regular", start.fault))
     else:
         claim += ", its redundant rows left out" if redundant else ""
         regular = start.regular if redundant else not start.found.singular
-        measured = "regular" if regular else "singular"
-        rows.append(Row(id="kkt", claim=claim, measured=measured, bound="regular", passed=regular))
+        rows.append(yes_or_fault("kkt", claim, "" if regular else "singular", "regular", "regular"))
     return [*rows, _index_row(start, redundant)]
 
 
@@ -231,5 +228,4 @@ def _index_row(start: Start, redundant: bool) -> Row:
     elif start.found.singular:
         reason = "the KKT matrix is singular" if start.m + start.p else "the mass matrix is singular"
     index = "3 (position constraints)" if start.m else "2 (velocity constraints only)" if start.p else "0 (an ODE)"
-    measured = f"not defined ({reason})" if reason else index
-    return Row(id="index", claim=claim, measured=measured, bound="0, 2 or 3", passed=not reason)
+    return yes_or_fault("index", claim, reason and f"not defined ({reason})", index, "0, 2 or 3")

@@ -25,6 +25,7 @@ from hhtbench.protocol import Problem
 from hhtbench.request import Request
 from hhtbench.result import Ends, Solution
 
+MAX_WINDOWS = 60  # in a motion with many jumps: which of them is drawn
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
 MAX_NAMED = 5  # jumps that a message names
 NEAR = 50  # steps at the beginning of a window that are judged beside its output rows
@@ -94,7 +95,7 @@ def _motion(problem: Problem, request: Request, solution: Solution, equations: E
     rows = [row for row in rows_of(follower, solution, some) if not _follows_a_jump(solution, jumps, row.i)]
     starts += [i for piece in _pieces(np.array([row.t for row in rows]), jumps) for i in _bent(follower, rows[piece], draw)]
     windows = []
-    for of_window, multipliers in _windows(problem, solution, jumps, size, starts):
+    for of_window, multipliers in _windows(problem, solution, jumps, size, starts, draw):
         windows.append(follower.follow(of_window, multipliers))
         if windows[-1].failed:
             return Judgement(_described(windows[-1], request, jumps), tuple(windows), jumps=at)
@@ -177,7 +178,7 @@ def _bent(follower: Follower, rows: list[Row], draw: int) -> list[int]:
 
 
 def _windows(
-    problem: Problem, solution: Solution, jumps: Jumps, size: Vector, starts: list[int]
+    problem: Problem, solution: Solution, jumps: Jumps, size: Vector, starts: list[int], draw: int
 ) -> Iterator[tuple[Rows, Multipliers]]:
     """Rows of a few windows, from the last one on: output rows and steps together, with multipliers to begin with.
 
@@ -189,6 +190,8 @@ def _windows(
     times = {float(solution.t[i]) for i in starts}
     if solution.ends is not None:
         times |= {float(solution.ends.t[k]) for k in _standing_out(solution.ends, jumps, size)}
+    if len(times) > MAX_WINDOWS:
+        times = set(np.random.default_rng(draw).choice(sorted(times), MAX_WINDOWS, replace=False).tolist())
     for start in sorted(times, key=lambda t: -direction * t):
         rows = _rows(solution, start, direction)
         after = events[events >= direction * rows.t[0]]

@@ -1,15 +1,16 @@
-"""Solvers that lie: each reports success, with rows that are no motion of the problem, or with numbers that cannot be."""
+"""Faulty solvers: each reports success, with rows that are no motion of the problem, or with numbers that cannot be."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hhtbench import Counters, Problem, Request, Solution, Status
+import hhtbench as hb
+from hhtbench import Problem, Request, Solution, Status
 from hhtbench.lowering import ConstraintLevels, derive, reduce_redundant
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 
@@ -28,21 +29,6 @@ def straight_line(problem: Problem, t: np.ndarray) -> Rows:
 def frozen(problem: Problem, t: np.ndarray) -> Rows:
     """The start, for ever."""
     return np.repeat(problem.q0[None], t.size, axis=0), np.repeat(problem.v0[None], t.size, axis=0)
-
-
-def at_rest(problem: Problem, t: np.ndarray) -> Rows:
-    """The same, and its velocity is zero from the first row after the start on."""
-    q, v = frozen(problem, t)
-    v[t != problem.t_span[0]] = 0.0
-    return q, v
-
-
-def parabola(problem: Problem, t: np.ndarray) -> Rows:
-    """The accelerations of the start, for ever."""
-    vdot = _accelerations(problem)(problem.t_span[0], np.concatenate([problem.q0, problem.v0]))[problem.q0.size :]
-    q, v = straight_line(problem, t)
-    elapsed = (t - problem.t_span[0])[:, None]
-    return q + elapsed**2 / 2 * vdot, v + elapsed * vdot
 
 
 def without_reaction(problem: Problem, t: np.ndarray) -> Rows:
@@ -69,8 +55,6 @@ def stopped(problem: Problem, t: np.ndarray) -> Rows:
 MOTIONS: dict[str, Callable[[Problem, np.ndarray], Rows]] = {
     "straight line": straight_line,
     "frozen": frozen,
-    "at rest": at_rest,
-    "parabola": parabola,
     "without reaction": without_reaction,
     "other force": other_force,
     "slow clock": slow,
@@ -125,13 +109,27 @@ def _integrated(problem: Problem, t: np.ndarray, until: float | None = None, **h
     return y[:, : problem.q0.size], y[:, problem.q0.size :]
 
 
+class Returning:
+    """A solver from elsewhere that returns what it was made with, or what ``change`` makes of HHT's solution."""
+
+    name = "returning"
+
+    def __init__(self, returned: Any = None, change: Callable[[Solution], Any] | None = None) -> None:
+        self.returned, self.change = returned, change
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        return None
+
+    def solve(self, problem: Problem, request: Request) -> Any:
+        return self.returned if self.change is None else self.change(hb.load_solver("hht").solve(problem, request))
+
+
 @dataclass
-class Liar:
+class Faulty:
     """A solver that gives the rows of one of ``MOTIONS``."""
 
     motion: str
-    name: str = "liar"
-    counters: Counters | None = None
+    name: str = "faulty"
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         return None
@@ -140,11 +138,5 @@ class Liar:
         t = np.linspace(*problem.t_span, STEPS) if request.t_eval is None else request.t_eval
         s = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
         q, v = MOTIONS[self.motion](problem, np.asarray(t))
-        counters = self.counters or Counters(**dict.fromkeys(("steps_accepted", "residual_evaluations")))
         lam, mu = np.zeros((t.size, s.m)), np.zeros((t.size, s.p))
-        return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=Status.success, message="there", counters=counters)
-
-
-def changed(solution: Solution, **values: Any) -> Solution:
-    """``solution`` with other values in some fields, arrays of its own."""
-    return replace(solution, **values)
+        return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=Status.success, message="there")
