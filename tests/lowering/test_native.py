@@ -25,11 +25,8 @@ UNARY = (
 BINARY = (
     *(jnp.add, jnp.subtract, jnp.multiply, jnp.divide, jnp.maximum, jnp.minimum, jnp.arctan2, jnp.hypot, lax.rem, jnp.mod),
     *(lambda x, y: jnp.where(x < y, x, y), lambda x, y: jnp.where(x <= y, x, y), lambda x, y: jnp.where(x > y, x, y)),
-    *(
-        lambda x, y: jnp.where(x >= y, 1.0, y),
-        lambda x, y: jnp.where(x == y, x, 2.0),
-        lambda x, y: jnp.where(x != y, x, 2.0),
-    ),
+    *(lambda x, y: jnp.where(x >= y, 1.0, y), lambda x, y: jnp.where(x == y, x, 2.0)),
+    *(lambda x, y: jnp.where(x != y, x, 2.0),),
     *(lambda x, y: jnp.where((x > 0) & (y > 0), x, y), lambda x, y: jnp.where((x > 0) | ~(y > 0), x, y)),
     *(lambda x, y: jnp.where((x > 0) ^ (y > 0), x, y), lambda x, y: (x > y) * 2.0, lambda x, y: jnp.heaviside(x, y)),
     *(lambda x, y: jnp.where((x > 0) == (y > 0), x, y), lambda x, y: jnp.logaddexp(x, y), jnp.power),
