@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.lowering import ConstraintLevels, at_rows, derive, native
+from hhtbench.lowering import ConstraintLevels, derive, native
 from hhtbench.lowering.dynamics.levels import level_terms
+from hhtbench.lowering.scalar_compiler import at_rows
 from hhtbench.trust.judge import judge
 from solvers.hht.adapter import HHTSolver
 from tests.trust.liars import Liar
