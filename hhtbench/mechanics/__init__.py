@@ -4,6 +4,16 @@ Functions on arrays, no classes: a System calls them in its own ``mass_matrix``,
 each, for any number of bodies or joints at once.
 """
 
-from hhtbench.mechanics import forces, lines, plane, space
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from hhtbench.mechanics import forces, lines, plane, space
 
 __all__ = ["forces", "lines", "plane", "space"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module(f"{__name__}.{name}")

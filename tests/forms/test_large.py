@@ -12,6 +12,7 @@ import pytest
 import hhtbench
 from hhtbench.lowering import NotNative, compile_function, derive
 from hhtbench.lowering.caching import Cache
+from hhtbench.lowering.dynamics import products
 from hhtbench.protocol import Problem, System
 from hhtbench.result import Status
 from solvers import _xla_call
@@ -37,7 +38,7 @@ FULL_MASS = ("bricard", "flyball_governor", "clamped_bar_impact")
 
 @pytest.fixture(autouse=True)
 def every_system_counts_as_large(monkeypatch):
-    monkeypatch.setattr(kkt, "FULL", 0)
+    monkeypatch.setattr(products, "FULL", 0)
     monkeypatch.setattr(form, "_made", Cache(64))
 
 
@@ -131,7 +132,7 @@ def test_a_library_with_sparse_functions_goes_the_way_it_goes_with_full_ones(nam
         return hhtbench.solve(problem, solver, rtol=1e-6, max_num_steps=30)
 
     sparse = solved()
-    monkeypatch.setattr(kkt, "FULL", 10**6)
+    monkeypatch.setattr(products, "FULL", 10**6)
     monkeypatch.setattr(form, "_made", Cache(64))
     full = solved()
     assert sparse.status is full.status

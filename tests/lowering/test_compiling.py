@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from jax import Array
 
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function, derive, route_of
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function, derive
 from hhtbench.protocol import System, parameter
-from tests.lowering.systems import SPRINGS_NUMPY
 
 Q, V = np.array([1.0, 2.0]), np.array([0.5, -0.5])
 TRACED = []  # names of methods, once per trace
@@ -99,10 +98,3 @@ def test_a_system_is_derived_once():
     TRACED.clear()
     assert derive(system, 1.0, 2 * Q, V) is derive(system, 0.0, Q, V)
     assert TRACED == []
-
-
-def test_routes_are_told_apart():
-    assert route_of(derive(Oscillator(), 0.0, Q, V)) == "xla"
-    assert route_of(derive(SPRINGS_NUMPY, 0.0, Q, V)) == "numpy"
-    value = compile_function(force_of, derive(SPRINGS_NUMPY, 0.0, Q, V), 1.0)(0.0, Q, V)
-    assert isinstance(value, np.ndarray)

@@ -25,11 +25,8 @@ UNARY = (
 BINARY = (
     *(jnp.add, jnp.subtract, jnp.multiply, jnp.divide, jnp.maximum, jnp.minimum, jnp.arctan2, jnp.hypot, lax.rem, jnp.mod),
     *(lambda x, y: jnp.where(x < y, x, y), lambda x, y: jnp.where(x <= y, x, y), lambda x, y: jnp.where(x > y, x, y)),
-    *(
-        lambda x, y: jnp.where(x >= y, 1.0, y),
-        lambda x, y: jnp.where(x == y, x, 2.0),
-        lambda x, y: jnp.where(x != y, x, 2.0),
-    ),
+    *(lambda x, y: jnp.where(x >= y, 1.0, y), lambda x, y: jnp.where(x == y, x, 2.0)),
+    *(lambda x, y: jnp.where(x != y, x, 2.0),),
     *(lambda x, y: jnp.where((x > 0) & (y > 0), x, y), lambda x, y: jnp.where((x > 0) | ~(y > 0), x, y)),
     *(lambda x, y: jnp.where((x > 0) ^ (y > 0), x, y), lambda x, y: (x > y) * 2.0, lambda x, y: jnp.heaviside(x, y)),
     *(lambda x, y: jnp.where((x > 0) == (y > 0), x, y), lambda x, y: jnp.logaddexp(x, y), jnp.power),
@@ -179,6 +176,7 @@ def test_calls_loops_and_derivatives_are_those_of_jax(family):
         (lambda d, x: lax.fori_loop(0, 5000, lambda i, y: y * 1.01, x), "5000 turns"),
         (lambda d, x: jax.pure_callback(np.sin, x, x), "effect|pure_callback"),
         (lambda d, x: jnp.linalg.eigh(jnp.outer(x, x))[0], "eigh"),
+        (lambda d, x: jnp.linalg.cholesky(jnp.outer(x, x) + jnp.eye(4)), "cholesky"),
         (lambda d, x: x * jax.random.normal(jax.random.key(0), (4,)), "erf_inv"),
         (lambda d, x: (x, x), "2 arrays"),
     ],

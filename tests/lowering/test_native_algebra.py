@@ -4,7 +4,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax import lax
 
 from hhtbench.lowering.compile.banded import solve_banded
 from hhtbench.lowering.compile.inverse import inverse
@@ -18,17 +17,6 @@ def spread(x):
     return jnp.outer(x, jnp.cos(x)) + jnp.diag(x**2) * (1 - np.eye(4)[0]) + jnp.eye(4)[::-1]
 
 
-def triangles(x):
-    m = spread(x)
-    flags = [(lower, trans, unit) for lower in (True, False) for trans in (0, 1) for unit in (True, False)]
-    parts = [
-        jax.scipy.linalg.solve_triangular(m + 3 * jnp.eye(4), x, lower=lower, trans=trans, unit_diagonal=unit)
-        for lower, trans, unit in flags
-    ]
-    right = lax.linalg.triangular_solve(m + 3 * jnp.eye(4), jnp.stack([x, 2 * x]), left_side=False, lower=True)
-    return jnp.concatenate([*parts, right.ravel()])
-
-
 ALGEBRA = {
     "solve": lambda x: jnp.linalg.solve(spread(x), x),
     "solve for many": lambda x: jnp.linalg.solve(spread(x), jnp.stack([x, jnp.ones(4)], axis=1)),
@@ -38,8 +26,6 @@ ALGEBRA = {
     "derivative of the inverse": lambda x: jax.jacfwd(lambda y: inverse(spread(y)) @ y)(x),
     "derivative of the solve": lambda x: jax.jacfwd(lambda y: jnp.linalg.solve(spread(y), y))(x),
     "reverse": lambda x: jax.grad(lambda y: jnp.linalg.solve(spread(y), y).sum() + inverse(spread(y)).sum())(x),
-    "cholesky": lambda x: jax.scipy.linalg.cho_solve(jax.scipy.linalg.cho_factor(jnp.outer(x, x) + 2 * jnp.eye(4)), x),
-    "triangles": triangles,
 }
 
 

@@ -1,7 +1,6 @@
 """Machine code on disk: found again by its content alone, in a folder that nobody else can write."""
 
 import os
-import subprocess
 import sys
 
 import numpy as np
@@ -16,62 +15,6 @@ from tests.lowering.native import Nothing
 
 compiler = sys.modules["hhtbench.lowering.scalar_compiler.compiler"]  # the name in the package is the function's
 X = np.array([0.3, -1.2])
-
-MECHANISM = """
-from pathlib import Path
-from hhtbench.protocol import System
-
-HERE = Path(__file__).parent
-{setup}
-
-class Mechanism(System):
-    def force(self, t, q, v):
-        return -{stiffness} * q
-
-    def constraint(self, t, q):
-        return q[:1] - q[1:]
-"""
-READ = "def read():\n    return float((HERE / 'k.txt').read_text())\n"
-WAYS = {  # a module each, whose other contents are the same in every process
-    "lru_cache": (f"import functools\n{READ}read = functools.lru_cache(read)\nread()", "read()"),
-    "environment": ("import os", "float(os.environ['SPRING_K'])"),
-    "attribute": (f"{READ}read.k = read()", "read.k"),
-    "changed": ("from spring import STIFFNESS", "STIFFNESS"),
-}
-SOLVERS = "hht", "ida", "cvode", "scipy(method=Radau)", "diffrax", "projected", "collocation"
-ASKED = [(way, solver) for way in WAYS for solver in SOLVERS if way == "lru_cache" or solver == "hht"]
-ASKED.append(("changed", "diffrax"))  # whose code XLA keeps
-SCRIPT = """
-import importlib, sys; sys.path.insert(0, sys.argv[1])
-import hhtbench as hb
-
-for way, solver in {asked}:
-    system = importlib.import_module(way + "_mechanism").Mechanism()
-    problem = hb.Problem(name="spring", system=system, t_span=(0, 1), q0=[1, 1], v0=[0, 0])
-    print(way, solver, hb.solve(problem, solver, rtol=1e-4).q[-1, 0], sep="|")
-"""
-
-
-def new_process(folder, k):
-    """(way, solver) -> q(1) of a spring of stiffness ``k`` that is read in four ways, as a new process finds it."""
-    (folder / "k.txt").write_text(str(k))
-    (folder / "spring.py").write_text(f"STIFFNESS = {k}")
-    command = [sys.executable, "-c", SCRIPT.format(asked=ASKED), str(folder), str(k)]
-    own = {"SPRING_K": str(k), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
-    done = subprocess.run(command, env=os.environ | own, capture_output=True, text=True, check=False)
-    assert not done.returncode, done.stderr
-    return {(way, solver): float(q) for way, solver, q in (line.split("|") for line in done.stdout.splitlines())}
-
-
-def test_a_new_process_sees_what_its_system_reads_by_whatever_way(tmp_path):
-    """lru_cache, environment, an attribute and a changed file; the first by every solver."""
-    for name, (setup, stiffness) in WAYS.items():
-        (tmp_path / f"{name}_mechanism.py").write_text(MECHANISM.format(setup=setup, stiffness=stiffness))
-    for k, exact in ((1.0, np.cos(1.0)), (4.0, np.cos(2.0))):
-        found = new_process(tmp_path, k)
-        assert len(found) == len(ASKED)
-        for where, q in found.items():
-            assert q == pytest.approx(exact, abs=1e-3), where
 
 
 def cubed(dynamics, x):

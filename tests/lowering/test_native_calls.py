@@ -239,12 +239,3 @@ def test_a_function_of_one_dynamics_is_prepared_once():
     assert compile_function(force_of, dynamics, route="xla") is not once
     values = [compile_function(force_of, each)(0.5, Q, V) for each in (dynamics, other)]
     np.testing.assert_allclose(values, [-k * Q + 0.5 * V for k in (2.0, 5.0)], rtol=1e-15)
-
-
-def test_routes_are_told_after_many_other_systems():
-    first = derive(Spring(), 0.0, Q, V)
-    compile_function(force_of, first)(0.5, Q, V)
-    told = routes(first)
-    for i in range(70):
-        compile_function(force_of, derive(Spring(k=2.0 + i), 0.0, Q, V))(0.5, Q, V)
-    assert routes(first) == told != ()

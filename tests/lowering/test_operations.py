@@ -74,29 +74,15 @@ def test_plain_callables_cannot_be_read():
     assert operations(PENDULUM_NUMPY, 0.0, np.array([0.6, -0.8]), np.zeros(2)) is None
 
 
-def test_a_coordinate_without_mass_has_no_acceleration_to_count():
-    class Light(Free):
-        mass_matrix: object = parameter([1.0, 0.0])
+EVALUATED = {
+    "residual": ("hht", "rattle", "ida(form=ggl)", "collocation", "minimal(solver=hht)"),
+    "acceleration": ("cvode", "projected", "diffrax", "minimal(solver=cvode)"),
+}
 
-    assert operations(Light(), 0.0, np.zeros(2), np.zeros(2)) is None
 
-
-@pytest.mark.parametrize(
-    ("solver", "evaluates"),
-    [
-        ("hht", "residual"),
-        ("rattle", "residual"),
-        ("ida(form=ggl)", "residual"),
-        ("collocation", "residual"),
-        ("cvode", "acceleration"),
-        ("projected", "acceleration"),
-        ("diffrax", "acceleration"),
-        ("minimal(solver=cvode)", "acceleration"),
-        ("minimal(solver=hht)", "residual"),
-    ],
-)
-def test_solvers_say_what_they_evaluate(solver, evaluates):
+def test_solvers_say_what_they_evaluate():
     pendulum = hb.load_problem("simple_pendulum")
-    what, of = hb.load_solver(solver).evaluates(pendulum)
-    assert what == evaluates
-    assert (of is pendulum) == (not solver.startswith("minimal"))
+    for what, solvers in EVALUATED.items():
+        for solver in solvers:
+            found, of = hb.load_solver(solver).evaluates(pendulum)
+            assert (found, of is pendulum) == (what, not solver.startswith("minimal")), solver

@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from hhtbench.lowering import compile_function, derive
 from hhtbench.lowering.dynamics.differences import derivative
+from hhtbench.lowering.dynamics.dynamics import arguments_of
 from hhtbench.protocol import NumpySystem
 from tests.lowering.systems import (
     MASSLESS_NUMPY,
@@ -24,11 +25,7 @@ from tests.lowering.systems import (
     Springs,
 )
 
-EXACT, FOURTH, FIRST = (
-    1e-14,
-    1e-9,
-    1e-6,
-)  # called as declared; differences that enter the equations; those of Newton's matrix
+EXACT, FOURTH, FIRST = 1e-14, 1e-9, 1e-6  # as declared; differences that enter the equations; of Newton's matrix
 POSITION = {
     "constraint": EXACT,
     "constraint_jacobian": FOURTH,
@@ -47,17 +44,6 @@ VELOCITY = {
     "velocity_reaction": FOURTH,
     "velocity_reaction_jacobians": FIRST,
 }
-ARGUMENTS = {
-    "mass": "t q",
-    "mass_product_jacobian": "t q x",
-    "constraint": "t q",
-    "constraint_jacobian": "t q",
-    "constraint_time_derivative": "t q",
-    "reaction": "t q v lam",
-    "reaction_jacobians": "t q v lam",
-    "velocity_reaction": "t q v mu",
-    "velocity_reaction_jacobians": "t q v mu",
-}
 PAIRS = {
     "rich": (Rich(), RICH_NUMPY, 3, 1, 1),
     "pendulum": (Pendulum(), PENDULUM_NUMPY, 2, 1, 0),
@@ -74,7 +60,7 @@ def names_of(m, p):
 
 
 def evaluate(dynamics, name, values):
-    result = getattr(dynamics, name)(*(values[key] for key in ARGUMENTS.get(name, "t q v").split()))
+    result = getattr(dynamics, name)(*(values[key] for key in arguments_of(name)))
     if not isinstance(result, tuple):
         return [result]
     n = dynamics.structure.n

@@ -14,8 +14,9 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.checks.result.judge import judge
-from hhtbench.lowering import ConstraintLevels, at_rows, derive, native
+from hhtbench.lowering import ConstraintLevels, derive, native
 from hhtbench.lowering.dynamics.levels import level_terms
+from hhtbench.lowering.scalar_compiler import at_rows
 from solvers.hht.adapter import HHTSolver
 from tests.trust.faulty import Faulty, Returning
 

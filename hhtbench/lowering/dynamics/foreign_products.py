@@ -7,7 +7,7 @@ another callback gives; by the time, and what belongs to the state before a step
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
@@ -23,17 +23,11 @@ from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol import declared
 
-VALUES = {  # functions by the letter of their size
-    "force": "n",
-    "mass_product": "n",
-    "constraint": "m",
-    "constraint_velocity": "m",
-    "constraint_acceleration": "m",
-    "reaction": "n",
-    "velocity_constraint": "p",
-    "velocity_constraint_acceleration": "p",
-    "velocity_reaction": "n",
-}
+VALUES = (  # functions by the letter of their size
+    dict.fromkeys(("force", "mass_product", "reaction", "velocity_reaction"), "n")
+    | dict.fromkeys(("constraint", "constraint_velocity", "constraint_acceleration"), "m")
+    | dict.fromkeys(("velocity_constraint", "velocity_constraint_acceleration"), "p")
+)
 
 
 class Part(NamedTuple):
@@ -67,37 +61,6 @@ DERIVATIVES = {  # of functions: for an argument by its place the part, and its 
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Function:
-    """A function as it is called: compared by identity."""
-
-    dynamics: Any  #: for sizes and patterns only
-    name: str
-
-
-@partial(jax.custom_jvp, nondiff_argnums=(0,))
-def evaluated(called: Function, addresses: Any, *arguments: Any) -> Any:
-    """The value of a function of the system."""
-    size = getattr(called.dynamics.structure, VALUES[called.name])
-    return foreign_p.bind(addresses[NAMES.index(called.name)], *arguments, shape=(size,))
-
-
-@evaluated.defjvp
-def _differential(called: Function, primals: Any, tangents: Any) -> Any:
-    (addresses, *arguments), (_, *along) = primals, tangents
-    value, dynamics = evaluated(called, *primals), called.dynamics
-    change = jnp.zeros_like(value)
-    for place, name, transposed in DERIVATIVES[called.name]:
-        names = _taken(called.name)
-        at = [arguments[names.index(symbol)] for symbol in _taken(PARTS[name].function)]
-        rows, columns = dynamics.patterns[PARTS[name].pattern]
-        entries = dynamics.part(addresses, name, *at)
-        if transposed:
-            rows, columns, entries = columns, rows, transposed * entries
-        change = change.at[rows].add(entries * along[place][columns])
-    return value, change
-
-
 NAMES = (*VALUES, *PARTS)
 
 
@@ -124,8 +87,27 @@ class ForeignProducts(Called):
         return name in VALUES
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        floats = [jnp.asarray(argument, dtype=float) for argument in (t, *arguments)]
-        return evaluated(Function(self, name), self.addresses, *floats)
+        """The value of the function ``name``, and by a rule of JAX's its derivative."""
+        size, taken = getattr(self.structure, VALUES[name]), _taken(name)
+
+        @jax.custom_jvp
+        def evaluated(addresses: Any, *floats: Any) -> Any:
+            return foreign_p.bind(addresses[NAMES.index(name)], *floats, shape=(size,))
+
+        def differential(primals: Any, tangents: Any) -> Any:
+            (addresses, *floats), (_, *along) = primals, tangents
+            change = jnp.zeros(size)
+            for place, part, transposed in DERIVATIVES[name]:
+                at = [floats[taken.index(symbol)] for symbol in _taken(PARTS[part].function)]
+                entries = self.part(addresses, part, *at)
+                rows, columns = self.patterns[PARTS[part].pattern]
+                if transposed:
+                    rows, columns, entries = columns, rows, transposed * entries
+                change = change.at[rows].add(entries * along[place][columns])
+            return evaluated(*primals), change
+
+        evaluated.defjvp(differential)
+        return evaluated(self.addresses, *(jnp.asarray(argument, dtype=float) for argument in (t, *arguments)))
 
     def part(self, addresses: Any, name: str, *arguments: Any) -> Any:
         """Entries of a matrix, in the order of its pattern."""

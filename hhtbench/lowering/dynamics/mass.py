@@ -159,8 +159,8 @@ def entries_at(n: int, flat: Any) -> Entries | None:
     counts = np.diff(pattern.indptr)
     if not (pattern.diagonal() > 0.0).all() or counts.max() > BROAD * n:
         return None
-    place = np.minimum(np.arange(counts.max()), counts[:, None] - 1)
-    columns, filled = pattern.indices[pattern.indptr[:-1, None] + place], place == np.arange(counts.max())
+    where, filled = _row_by_row(pattern)
+    columns = pattern.indices[where]
     order = reverse_cuthill_mckee(pattern, symmetric_mode=True)
     at = np.argsort(order)
     row, column = np.broadcast_to(at[:, None], columns.shape)[filled], at[columns][filled]
@@ -170,6 +170,13 @@ def entries_at(n: int, flat: Any) -> Entries | None:
     places, below = np.full((n, width + 1), columns.size), row >= column
     places[row[below], (column - row + width)[below]] = np.flatnonzero(filled)[below]
     return Entries(columns, filled, order, places)
+
+
+def _row_by_row(matrix: Any) -> tuple[Any, Any]:
+    """(n, k) the places of a matrix's entries, row by row; False where a row has less than k, and its last stands again."""
+    counts = np.diff(matrix.indptr)
+    place = np.minimum(np.arange(counts.max()), counts[:, None] - 1)
+    return matrix.indptr[:-1, None] + place, place == np.arange(counts.max())
 
 
 def compact(mass: Any, xp: Any) -> Any:
@@ -182,10 +189,8 @@ def compact(mass: Any, xp: Any) -> Any:
         return Diagonal(xp.asarray(entries.diagonal()))
     if counts.min() == 0 or counts.max() > BROAD * n or not np.isfinite(entries.data).all():
         return mass
-    place = np.minimum(np.arange(counts.max()), counts[:, None] - 1)
-    where = entries.indptr[:-1, None] + place
-    values = np.where(place == np.arange(counts.max()), entries.data[where], 0.0)
-    sparse = Sparse(xp.asarray(values), entries.indices[where])
+    where, filled = _row_by_row(entries)
+    sparse = Sparse(xp.asarray(np.where(filled, entries.data[where], 0.0)), entries.indices[where])
     return mass if sparse.inverse() is None else sparse
 
 
