@@ -80,25 +80,28 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
     made = _make("problem", found, parameters)
     if not isinstance(made, Problem):
         raise ProblemError(f"{found.target} must be a hhtbench.Problem or return one; got {_kind_of(made)}.")
-    return made if parameters or not isinstance(made.system, System) else _with_known_system(str(found), made)
+    if parameters or not isinstance(made.system, System):
+        return made
+    system = _known(str(found), made.system)
+    return made if system is made.system else replace(made, system=system)
 
 
-def _with_known_system(spec: str, made: Problem) -> Problem:
-    """``made`` with the System that ``spec`` made before, where the two are equal."""
-    known = _systems.pop(spec, None)
-    if known is not None and known is not made.system and _equal(known, made.system):
-        made = replace(made, system=known)
-    _systems[spec] = made.system
+def _known(spec: str, made: System) -> System:
+    """The System that ``spec`` made before where ``made`` is equal to it, else ``made``."""
+    before = _systems.pop(spec, made)
+    _systems[spec] = system = before if _equal(before, made) else made
     if len(_systems) > MAX_SYSTEMS:
         _systems.pop(next(iter(_systems)), None)
-    return made
+    return system
 
 
 def _equal(one: System, other: System) -> bool:
     """Whether two systems are of one class with the same values, to the last bit."""
     try:
-        (mine, tree), (others, form) = jax.tree.flatten(one), jax.tree.flatten(other)
-        return tree == form and all(x is y or _same_array(x, y) for x, y in zip(mine, others, strict=True))
+        forms: list[Any] = [jax.tree.structure(x) for x in (one, other)]
+        return forms[0] == forms[1] and all(
+            x is y or _same_array(x, y) for x, y in zip(*map(jax.tree.leaves, (one, other)), strict=True)
+        )
     except (TypeError, ValueError):  # fields that do not compare
         return False
 
