@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 
 class Filled:
-    """A base of frozen dataclasses that are made of what was checked before, most of which nobody ever reads."""
+    """A base of frozen dataclasses made of checked values, most of which are never read."""
 
     __slots__ = ("_read",)  # beside the fields in ``vars``
 
@@ -20,7 +20,7 @@ class Filled:
         return made
 
     def but(self, **changed: Any) -> Self:
-        """The same with other fields; what nobody has read stays unread."""
+        """The same with other fields; fields that were not read stay unread."""
         return self.of({"_read": getattr(self, "_read", None), **self.__dict__, **changed})
 
     if not TYPE_CHECKING:

@@ -27,7 +27,7 @@ class Lines:
         self._part = ""
         self._began = self._told = 0.0
         self._first = 0
-        self._pending = ""  # the newest state that was not told
+        self._pending = ""  # the newest state that was not printed
 
     def __enter__(self) -> Lines:
         return self

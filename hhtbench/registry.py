@@ -6,15 +6,19 @@ import inspect
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
+import jax
+import numpy as np
+
 from hhtbench import plugins
 from hhtbench.errors import ProblemError
 from hhtbench.packages import own_folder
-from hhtbench.protocol import Problem, Solver
+from hhtbench.protocol import Problem, Solver, System
 from hhtbench.specs import Spec, parse_spec
 
 if TYPE_CHECKING:
@@ -25,8 +29,8 @@ Verification = Callable[[Counted | None, int], "Evidence"]  # (progress, jobs); 
 
 _HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # by name, in this process
 
-_made: dict[str, tuple[Any, Problem]] = {}  # by spec: what made a problem, and the problem
-MAX_MADE = 16  # problems that are kept: each holds its arrays and what was derived from it
+_systems: dict[str, System] = {}  # by spec: the last one that was made
+MAX_SYSTEMS = 16  # that are kept: each holds its arrays and what was derived from it
 
 THUMBNAILS = "thumbnails"  # folder with drawings, beside the problems
 
@@ -49,7 +53,7 @@ def list_verifications() -> list[str]:
 def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
     """The problem of a spec: ``planar_chain(n_links=100)``, ``my_file.py:problem(k=1)``; a Problem as it is.
 
-    A spec gives the same Problem again while its file is unchanged, so that what was derived from it serves again.
+    A spec that makes an equal System again gives that of before, so that what was derived from it serves again.
 
     Parameters
     ----------
@@ -73,17 +77,38 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
     if is_held(spec):
         return _HELD.get()[spec]
     found = parse_spec(spec)
-    target, name = _target("problem", found), str(found)
-    if not parameters and name in _made and _made[name][0] is target:
-        return _made[name][1]
-    made = _make(target, found, parameters)
+    made = _make("problem", found, parameters)
     if not isinstance(made, Problem):
         raise ProblemError(f"{found.target} must be a hhtbench.Problem or return one; got {_kind_of(made)}.")
-    if not parameters:
-        _made[name] = target, made
-        if len(_made) > MAX_MADE:
-            _made.pop(next(iter(_made)), None)
-    return made
+    if parameters or not isinstance(made.system, System):
+        return made
+    system = _known(str(found), made.system)
+    return made if system is made.system else replace(made, system=system)
+
+
+def _known(spec: str, made: System) -> System:
+    """The System that ``spec`` made before where ``made`` is equal to it, else ``made``."""
+    before = _systems.pop(spec, made)
+    _systems[spec] = system = before if _equal(before, made) else made
+    if len(_systems) > MAX_SYSTEMS:
+        _systems.pop(next(iter(_systems)), None)
+    return system
+
+
+def _equal(one: System, other: System) -> bool:
+    """Whether two systems are of one class with the same values, to the last bit."""
+    try:
+        forms: list[Any] = [jax.tree.structure(x) for x in (one, other)]
+        return forms[0] == forms[1] and all(
+            x is y or _same_array(x, y) for x, y in zip(*map(jax.tree.leaves, (one, other)), strict=True)
+        )
+    except (TypeError, ValueError):  # fields that do not compare
+        return False
+
+
+def _same_array(x: Any, y: Any) -> bool:
+    arrays = isinstance(x, jax.Array) and isinstance(y, jax.Array) and (x.dtype, x.shape) == (y.dtype, y.shape)
+    return arrays and np.asarray(x).tobytes() == np.asarray(y).tobytes()
 
 
 @contextmanager
@@ -118,7 +143,7 @@ def load_solver(spec: str | Solver, **options: Any) -> Solver:
         _refuse_arguments("the solver", options)
         return spec
     found = parse_spec(spec)
-    made = _make(_target("solver", found), found, options)
+    made = _make("solver", found, options)
     if not _is_solver(made):
         raise ProblemError(
             f"{found.target} must be a solver with accepts() and solve(), or return one; got {_kind_of(made)}."
@@ -137,21 +162,13 @@ def load_verification(name: str) -> Verification:
     return verify
 
 
-def _target(kind: str, spec: Spec) -> Any:
-    """The registered object or the attribute of a file that a spec names."""
-    if spec.path is None:
-        return plugins.load(kind, spec.name)
-    from hhtbench.filespec import load_attribute  # it knows worker processes, which registered names do not need
-
-    return load_attribute(spec.path, spec.name)
-
-
-def _make(target: Any, spec: Spec, further: Mapping[str, Any]) -> Any:
-    """``target``, or what it returns when called with the arguments."""
+def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
+    """What the spec's target is, or returns when called with the arguments."""
     twice = sorted(set(spec.arguments) & set(further))
     if twice:
         raise ProblemError(f"{', '.join(twice)} is given in the spec {spec} and again as a keyword; give it once.")
     arguments = {**spec.arguments, **further}
+    target = plugins.load(kind, spec.name) if spec.path is None else _from_file(spec.path, spec.name)
     if isinstance(target, Problem) or _is_solver(target):
         _refuse_arguments(spec.target, arguments)
         return target
@@ -162,6 +179,12 @@ def _make(target: Any, spec: Spec, further: Mapping[str, Any]) -> Any:
     except TypeError:
         _check_arguments(spec.target, target, arguments)
         raise
+
+
+def _from_file(path: str, name: str) -> Any:
+    from hhtbench.filespec import load_attribute  # it knows worker processes, which registered names do not need
+
+    return load_attribute(path, name)
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[str, Any]) -> None:

@@ -134,7 +134,7 @@ class DenseOutput(NamedTuple):
 class ErrorEstimate:
     """What finer and finer runs of a solver tell of the error of the finest, scaled by the problem's scales.
 
-    NaN, and ``bound`` None, where it cannot be told.
+    NaN, and ``bound`` None, where it is not known.
     """
 
     asked: float  #: the error asked for, of q and v
@@ -285,8 +285,8 @@ class Solution(Filled):
         found = read_arrays(path, (Status, Counters, StepsData, Ends, ErrorEstimate, DenseOutput))
         rows = [found.get(name) for name in ("t", *ROWS)]
         shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]
-        told = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)
-        if not told or len(shapes) < len(rows) or len(set(shapes)) > 1 or set(found) != set(_KEPT):
+        typed = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)
+        if not typed or len(shapes) < len(rows) or len(set(shapes)) > 1 or set(found) != set(_KEPT):
             raise ProblemError(f"{path} is no saved solution: {', '.join(_KEPT)} do not fit one another.")
         return cls(**found, file=str(path))
 
@@ -313,7 +313,7 @@ class Solution(Filled):
 
 
 def ends_of(solution: Solution) -> Ends | None:
-    """The ends of the steps that ``solution`` tells, itself or by the times ``t`` of its dense output; None: it does not."""
+    """The ends of the steps from ``solution`` or the times ``t`` of its dense output; None where it has neither."""
     if solution.ends is not None:
         return solution.ends
     t: Any = getattr(solution.interpolant, "t", ())

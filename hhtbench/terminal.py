@@ -8,7 +8,7 @@ from contextlib import suppress
 from threading import Event, Thread
 
 PATIENCE = 2.0  # [s] that pass before anything is said
-LOOK = 0.25  # [s] between two looks at what is under way
+LOOK = 0.25  # [s] between two checks of what is under way
 
 
 class told_when_slow:

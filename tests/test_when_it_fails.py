@@ -251,9 +251,7 @@ PROVOKED: dict[str, list[Case]] = {
     "deadline": [Case("", "seconds", lambda _: fall(weight(force=slow), step=0.01, max_seconds=0.1))],
     "accuracy_not_shown": [
         Case("event", "event", lambda _: hb.solve(problem(), "hht", accuracy=1e-3, events=[ends(lambda t, q, v: q[0])])),
-        Case(
-            "stepped over", "motion disagree", lambda _: hb.solve(problem(system=weight(force=push)), "cvode", accuracy=1e-3)
-        ),
+        Case("stepped over", "motion disagree", lambda _: pushed()),
     ],
     "interrupted": [Case("", "", lambda _: left_over(KeyboardInterrupt()))],
     "declined": [Case("", "", lambda _: cell(hb.load_solver("rattle"), steps=None, rtol=1e-3))],

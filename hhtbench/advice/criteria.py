@@ -1,4 +1,4 @@
-"""What somebody wants of a solver: errors, a bound of the drift, and what to minimise."""
+"""What a solver is chosen by: errors, a bound of the drift, and what to minimise."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class Database:
 
     @cached_property
     def ratios(self) -> Mapping[tuple[str, float | None], NDArray[np.float64]]:
-        """(measure, bound) -> costs over the cheapest, (scenes, entries, accuracies); NaN where nobody reaches the error."""
+        """(measure, bound) -> costs over the cheapest, (scenes, entries, accuracies); NaN where none reaches the error."""
         costs = {key: np.array([scene.costs[key] for scene in self.scenes]) for key in self.scenes[0].costs}
         with np.errstate(invalid="ignore"):
             return {key: table / table.min(axis=1, keepdims=True) for key, table in costs.items()}

@@ -40,7 +40,7 @@ class Expectation:
 
     @property
     def doubt(self) -> str:
-        """Why it cannot be told, or ""."""
+        """Why no solver can be named, or ""."""
         if self.unknown:
             return self.unknown
         if self.distance > self.reach:

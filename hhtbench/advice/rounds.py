@@ -23,7 +23,7 @@ from hhtbench.store import RunRow, Store
 FIRST_CAP = 1.0  # [s] of one solve in the first round, and at least: on a busy machine a quick one may wait
 GROWTH = 4.0  # of the cap from round to round
 ROOM = 2.0  # times SEVERAL times the best: a solve beside other work may take longer than the same alone
-BATCH = 2  # candidates a worker between two looks at the clock: none waits for the slowest of few
+BATCH = 2  # candidates a worker between two readings of the clock: none waits for the slowest of few
 SOLVES = 4.0  # of the longest kind that a candidate may make in a round
 REFINEMENTS = 16  # most settings of one candidate
 FINALISTS = 2.0  # times the cheapest at some error: who is timed again
@@ -40,14 +40,14 @@ class Rounds:
     store: Store
     pool: WorkerPool
     references: Mapping[str, Path]
-    ends: float  #: of the monotonic clock [s]: nobody is begun later
+    ends: float  #: of the monotonic clock [s]: no solve begins later
     tell: Callable[[str], None]
     pace: Progress  #: called whenever a cell has ended
     rows: dict[str, RunRow] = field(default_factory=dict)  #: by key
     left_out: dict[str, str] = field(default_factory=dict)  #: entry -> why it was given up
 
     def run(self, candidates: Sequence[Candidate]) -> None:
-        """Until nobody is left who could show more, nothing more is asked for, or the time is up."""
+        """Until no candidate could show more, every error is reached, or the time is up."""
         live, cap, size = list(candidates), FIRST_CAP, BATCH * self.pool.limits.jobs
         while live:
             before, waiting = len(self.rows), list(live)
@@ -98,7 +98,7 @@ class Rounds:
         self.rows |= {row.key: row for row in done.rows}
 
     def _cap(self, cap: float) -> float:
-        """Of one solve [s]: nobody is given much more than what would make it several times too dear, nor the time left."""
+        """Of one solve [s]: not much more than would make it several times too dear, nor than the time left."""
         best = self.standing().best() if self.criteria.on == "time" else None
         if best is not None:
             cap = max(FIRST_CAP, min(cap, ROOM * SEVERAL * best))

@@ -36,12 +36,12 @@ class Advice:
     """What :func:`select` says."""
 
     problem: str
-    taken: str | None  #: the solver with its options, as ``hb.solve`` takes it; None: it cannot be told
+    taken: str | None  #: the solver with its options, as ``hb.solve`` takes it; None: no solver can be named
     taken_by: str | None  #: what ``hb.solve`` is given for the error: "rtol", or "steps" for constant ones
     second: str | None
     second_by: str | None
     on: str  #: what was compared: "time" or "evaluations"
-    text: str  #: whom to take and what it costs, or why it cannot be told and what to do
+    text: str  #: the solver to take and its cost, or why none can be named and what to do
     evidence: str  #: what it rests on
     domain: str  #: where that holds
     reason: str  #: in one line

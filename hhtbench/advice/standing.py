@@ -40,7 +40,7 @@ class Standing:
         )
 
     def best(self) -> float | None:
-        """Cost at the tightest error that somebody has reached."""
+        """Cost at the tightest error that a candidate has reached."""
         return next((front.costs[0].value for front in reversed(self.fronts) if front.costs), None)
 
 

@@ -38,7 +38,7 @@ from hhtbench.store import RunRow, Store
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 SECONDS = 60.0
 REFERENCE_SHARE = 0.25  # of the seconds, that each solve of the reference may take
-LAST_SHARE = 0.85  # of the seconds, after which nobody is begun: the rest is for timing those who may win
+LAST_SHARE = 0.85  # of the seconds, after which no candidate begins: the rest is for timing those that may win
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,12 +57,12 @@ class Trade:
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """The cheapest at every error that somebody reaches, and the next."""
+        """The cheapest at every error that a candidate reaches, and the next."""
         return choices_of(self.fronts)
 
     @property
     def sentence(self) -> str:
-        """Whom to take; what each candidate said where there is nobody."""
+        """The solver to take, or what each candidate reported where there is none."""
         found = sentence(self.fronts, self.criteria)
         if not found:
             return failure(self._said(), [row.status for row in self.rows], self.unknown)
@@ -88,7 +88,7 @@ class Trade:
         return f"{self._table()}\n\n{self.sentence}"
 
     def _table(self) -> str:
-        """Costs by candidate and error; who was given up, with the reason."""
+        """Costs by candidate and error; dropped candidates with the reason."""
         costs: dict[str, dict[float, str]] = {}
         for front in self.fronts:
             for cost in front.costs:
@@ -125,7 +125,7 @@ def trade(
     accuracies
         Errors of q and v to reach, scaled by the problem's scales, largest over the compared times.
     seconds
-        About how long it may take [s]: nobody is begun after 85 % of it; code that is being compiled is finished.
+        About how long it may take [s]: no candidate begins after 85 % of it; code that is being compiled is finished.
     drift
         Most scaled drift of position and velocity constraints of the runs that count; None: any.
     on
@@ -137,9 +137,9 @@ def trade(
     jobs
         Worker processes; None: one a core.
     tell
-        Is told what goes on, in lines.
+        Called with a line on each stage.
     progress
-        Is told how many of the seconds have passed, as ``("seconds", 12, 60)``.
+        Called with the seconds that have passed, as ``("seconds", 12, 60)``.
 
     Returns
     -------
@@ -182,7 +182,7 @@ def _traded(
         with Store(file) as rows, ThisProcess() if found.held else WorkerPool(limits) as pool:
             truth = truth_of(loaded, plan, file, 0 if found.held else limits.jobs, REFERENCE_SHARE * seconds, tell)
             rounds = Rounds(spec, criteria, rows, pool, truth.references, began + LAST_SHARE * seconds, tell, pace)
-            rounds.run(candidates)  # without a truth too: what each says tells what is wrong
+            rounds.run(candidates)  # without a reference too: their messages say what is wrong
             rounds.time_again(candidates)
     return Trade(
         problem=spec,
@@ -198,7 +198,7 @@ def _traded(
 
 
 def pace_of(began: float, seconds: float, progress: Progress) -> Progress:
-    """Tells ``progress``, whenever it is called, how many of the ``seconds`` have passed; never more than there are."""
+    """Report to ``progress``, at every call, how many of the ``seconds`` have passed, at most all of them."""
     total = max(1, math.ceil(seconds))
     return lambda *_: progress("seconds", min(int(time.monotonic() - began), total), total)
 
@@ -217,7 +217,7 @@ def in_expected_order(problem: Problem, criteria: Criteria) -> tuple[Candidate, 
 
 
 def _named(solvers: Sequence[str] | str, problem: Problem) -> tuple[Candidate, ...]:
-    """Those that somebody names, with tolerances, or with constant steps where tolerances are refused."""
+    """The named solvers, with tolerances, or with constant steps where tolerances are refused."""
     some = (solvers,) if isinstance(solvers, str) else tuple(solvers)
     refuse_misspelt(some)
     return tuple(Candidate(spec, "steps" if _takes_steps_only(spec, problem) else "rtol") for spec in dict.fromkeys(some))
@@ -227,5 +227,5 @@ def _takes_steps_only(spec: str, problem: Problem) -> bool:
     try:
         solver = load_solver(spec)
         return solver.accepts(problem, Request(rtol=1e-3)) is not None and solver.accepts(problem, Request(steps=10)) is None
-    except Exception:  # noqa: BLE001 - the plugin's own: its run tells
+    except Exception:  # noqa: BLE001 - the plugin's own: its run reports it
         return False

@@ -41,7 +41,7 @@ def _plain(cost: Cost) -> dict[str, Any]:
 
 
 def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:
-    """The cheapest at every error that somebody reaches, and the next."""
+    """The cheapest at every error that a candidate reaches, and the next."""
     return tuple(
         Choice(accuracy=front.target, best=front.costs[0], second=next(iter(front.costs[1:]), None))
         for front in fronts
@@ -50,7 +50,7 @@ def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:
 
 
 def as_run(fronts: Sequence[Front]) -> tuple[Front, ...]:
-    """The same by what the runs took whose settings are told, not by what a run between two of them might take."""
+    """The same with the costs of the named runs, not of a run interpolated between two of them."""
     found = []
     for front in fronts:
         costs = [replace(cost, value=cost.run.work(front.measure) or cost.value) for cost in front.costs]
@@ -69,7 +69,7 @@ def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
 
 
 def sentence(fronts: Sequence[Front], criteria: Criteria) -> str:
-    """The one sentence; "" where nobody reaches anything."""
+    """The one sentence; "" where no candidate reaches an error."""
     reached, ranked = [front for front in fronts if front.costs], ranking(fronts)
     if not ranked:
         return ""
@@ -111,9 +111,9 @@ HINTS = {
 GENERAL = "`hhtbench check` looks for mistakes in the problem; looser errors or more seconds may be reached"
 
 
-def failure(said: Mapping[str, str], statuses: Sequence[str], told: str) -> str:
-    """What each candidate said where none has a cost, and what to try; ``told``: why there is no reference, or ""."""
+def failure(said: Mapping[str, str], statuses: Sequence[str], unknown: str) -> str:
+    """What each candidate reported where none has a cost, and what to try; ``unknown``: why there is no reference, or ""."""
     lines = [f"  {entry}: {text}" for entry, text in said.items()]
     known = [HINTS[status] for status in dict.fromkeys(statuses) if status in HINTS]
     tries = "; ".join(known) or GENERAL
-    return "\n".join([f"Cannot tell: no candidate has a cost. {told}".rstrip(), *lines, f"What to try: {tries}."])
+    return "\n".join([f"Cannot tell: no candidate has a cost. {unknown}".rstrip(), *lines, f"What to try: {tries}."])

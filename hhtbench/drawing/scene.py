@@ -65,7 +65,7 @@ def make_scene(problem: Problem, course: Course) -> Scene:
     size = max(np.ptp(x.reshape(-1, x.shape[-1]), axis=0).max() for x in (points, lines) if x.size)
     fixed = [np.ptp(x, axis=0).reshape(x.shape[1], -1).max(axis=1, initial=0.0) <= STILL * size for x in (points, lines)]
     if len(course.t) == 1:
-        fixed = [np.zeros_like(flags) for flags in fixed]  # of one state nobody knows what moves
+        fixed = [np.zeros_like(flags) for flags in fixed]  # one state does not show what moves
     floor, shadows = np.zeros((0, 2, 2)), np.zeros((len(points), 0, 2, 2))
     if points.shape[-1] == 3:
         floor, shadows = (project(x) for x in _floor(points, lines, fixed[1]))
