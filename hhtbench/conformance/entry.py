@@ -9,8 +9,8 @@ three ways, each made by a decorator:
 ``row(id, goes_in, expected, lane=Lane.fast, gap="", known={})``
     A row of the acceptance matrix: ``measure(subject)`` returns a :class:`Finding`, a measured value and whether it is
     within its bound, with the names of the cases that are not; ``row`` of :mod:`.rows.judging` makes one of a function
-    that yields its cases, each a fault or a number beside its bound.  ``tested(id, goes_in, expected, *tests)`` is a row that
-    tests of its own hold, since its question is no solve (rows K1 to K12); the entry names them.
+    that yields its cases, each a fault or a number beside its bound.  ``tested(id, goes_in, expected, *tests)`` is a row
+    that tests of its own hold, since its question is no solve (rows K1 to K12); the entry names them.
 ``family(id, parameter, known={})`` (in :mod:`.cell`)
     An axis: a function of a seed that yields cells, each with the value x of the parameter, a problem, a request and what is
     expected; every cell is solved and judged in the same way.
