@@ -7,21 +7,14 @@ imported where they are first used: the command line needs few of them, and JAX 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from hhtbench.jax_settings import settle_jax
+from hhtbench.runtime.jax_settings import settle_jax
 
 if TYPE_CHECKING:
     from hhtbench.advice.selecting import Advice, select
     from hhtbench.advice.trading import Trade, trade
     from hhtbench.api import solve
     from hhtbench.campaign.public import Runs, run
-    from hhtbench.checks.drift import Drift, measure_drift
-    from hhtbench.checks.problem import check
-    from hhtbench.description import describe
-    from hhtbench.equations import Equations
-    from hhtbench.errors import NotFoundError, ProblemError, Stop
-    from hhtbench.lagrange import from_sympy
-    from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System, parameter
-    from hhtbench.registry import (
+    from hhtbench.catalogue.registry import (
         list_problems,
         list_solvers,
         list_verifications,
@@ -29,8 +22,15 @@ if TYPE_CHECKING:
         load_solver,
         load_verification,
     )
-    from hhtbench.request import Request, plan_steps
-    from hhtbench.result import Counters, Ends, Solution, Status
+    from hhtbench.checks.drift import Drift, measure_drift
+    from hhtbench.checks.problem import check
+    from hhtbench.lowering.description import describe
+    from hhtbench.lowering.equations import Equations
+    from hhtbench.protocol.errors import NotFoundError, ProblemError, Stop
+    from hhtbench.protocol.lagrange import from_sympy
+    from hhtbench.protocol.system import Motion, NumpySystem, Problem, Scales, System, parameter
+    from hhtbench.solution.request import Request, plan_steps
+    from hhtbench.solution.result import Counters, Ends, Solution, Status
 
 __all__ = [
     "HHT",
@@ -79,17 +79,17 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "campaign.public": ("Runs", "run"),
     "checks.drift": ("Drift", "measure_drift"),
     "checks.problem": ("check",),
-    "description": ("describe",),
-    "equations": ("Equations",),
-    "errors": ("NotFoundError", "ProblemError", "Stop"),
-    "lagrange": ("from_sympy",),
-    "protocol": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
-    "registry": (
+    "lowering.description": ("describe",),
+    "lowering.equations": ("Equations",),
+    "protocol.errors": ("NotFoundError", "ProblemError", "Stop"),
+    "protocol.lagrange": ("from_sympy",),
+    "protocol.system": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
+    "catalogue.registry": (
         *("list_problems", "list_solvers", "list_verifications"),
         *("load_problem", "load_solver", "load_verification"),
     ),
-    "request": ("Request", "plan_steps"),
-    "result": ("Counters", "Ends", "Solution", "Status"),
+    "solution.request": ("Request", "plan_steps"),
+    "solution.result": ("Counters", "Ends", "Solution", "Status"),
 }
 REGISTERED = ("HHT", "Event")  # under the entry-point group hhtbench.names: hhtbench imports no solver
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
@@ -97,7 +97,7 @@ _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 def __getattr__(name: str) -> Any:
     if name in REGISTERED:
-        value = import_module(f"{__name__}.plugins").load("name", name)
+        value = import_module(f"{__name__}.catalogue.plugins").load("name", name)
     elif name == "__version__":
         value = import_module("importlib.metadata").version(__name__)
     elif name in _HOMES:

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.catalogue.registry import load_problem, load_solver
 from hhtbench.checks.result.success import check_success
-from hhtbench.counting import Clock, handed_over
-from hhtbench.errors import BudgetSpent
-from hhtbench.protocol import Problem, Solver
-from hhtbench.registry import load_problem, load_solver
-from hhtbench.request import Request, check_output_times, make_request, with_tolerance
-from hhtbench.result import Counters, Solution, Status
+from hhtbench.protocol.errors import BudgetSpent
+from hhtbench.protocol.system import Problem, Solver
+from hhtbench.solution.counting import Clock, handed_over
+from hhtbench.solution.request import Request, check_output_times, make_request, with_tolerance
+from hhtbench.solution.result import Counters, Solution, Status
 
 
 def solve(
@@ -41,14 +41,15 @@ def solve(
         A solver or a spec such as ``hht(alpha=-0.1)``.
     accuracy
         Largest error of q and v, scaled by the problem's scales, at the output times: the solver is run until finer runs
-        show that it is kept (:func:`hhtbench.accuracy.solve_to`).  None: tolerances or steps as requested, for one run.
+        show that it is kept (:func:`hhtbench.checks.accuracy.solve_to`).  None: one run with the requested tolerances or
+        steps.
     events
         :class:`hhtbench.Event` or callables ``(t, q, v)``, one or a list, for solvers that have events (HHT and what shares
         its loop; others decline).
     t_span, q0, v0
         Another interval or start than the problem's; its references and closed solution belong to its own.
     request
-        Fields of :class:`~hhtbench.request.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``; with neither
+        Fields of :class:`~hhtbench.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``; with neither
         tolerances nor steps ``rtol = 1e-4``, which the message says.  ``steps=solution`` takes the steps of an earlier
         solution again: then the result is smooth in the parameters, as fits need it.
 
@@ -79,7 +80,7 @@ def solve(
     with handed_over(clock):
         try:
             if accuracy is not None:
-                from hhtbench.accuracy import solve_to  # few solves need it: its checks are another thousand lines
+                from hhtbench.checks.accuracy import solve_to  # few solves need it: its checks are another thousand lines
 
                 found = solve_to(loaded, chosen, accuracy, asked, partial(_once, loaded, chosen, clock=clock))
             else:

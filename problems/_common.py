@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import real_number
-from hhtbench.errors import ProblemError
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
 
 REFERENCES = Path(__file__).with_name("references")
 

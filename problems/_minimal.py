@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.protocol import MinimalCoordinates, System
+from hhtbench.protocol.system import MinimalCoordinates, System
 
 ROD = np.array([1.0, 4.0, 1.0]) / 6  # a uniform rod moves like these shares of its mass at begin, middle and end
 

@@ -9,9 +9,9 @@ import numpy as np
 from jax import Array
 from scipy.special import ellipj, ellipkm1
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import circle_lines, pin_lines
-from hhtbench.protocol import Motion, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, System, parameter
 
 
 class Bob(System):

@@ -34,9 +34,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import pin_lines, spring_lines
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Schiehlen (ed.), Multibody Systems Handbook, 1990; Test Set for IVP Solvers, Andrews' squeezing mechanism"

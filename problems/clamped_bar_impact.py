@@ -30,9 +30,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector, positive_integer
 from hhtbench.mechanics.lines import ground_lines
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector, positive_integer
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Hughes, The Finite Element Method, Prentice Hall 1987 (linear bar elements, consistent mass)"

@@ -28,9 +28,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector, positive_integer
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector, positive_integer
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Test Set for IVP Solvers, Fekete problem"

@@ -35,7 +35,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.space import (
     energy_of_bodies,
     force_on_bodies,
@@ -50,7 +49,8 @@ from hhtbench.mechanics.space import (
     space_rate,
     split,
 )
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "IFToMM library of computational benchmark problems, A05"

@@ -39,9 +39,9 @@ import numpy as np
 from jax import Array
 from scipy.special import ellipj, ellipkm1
 
-from hhtbench.arguments import Vector, positive_integer
 from hhtbench.mechanics.lines import pin_lines
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector, positive_integer
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 from problems._minimal import upright_bars
 

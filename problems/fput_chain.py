@@ -23,10 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector, positive_integer
-from hhtbench.errors import ProblemError
 from hhtbench.mechanics.lines import chain, ground_lines
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector, positive_integer
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Fermi, Pasta, Ulam (and Tsingou), Studies of Nonlinear Problems, LA-1940, Los Alamos 1955"

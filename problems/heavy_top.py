@@ -25,10 +25,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import chain
 from hhtbench.mechanics.space import body_rate, norm_rows, quaternion_rate, rotation, rotational_force, rotational_mass
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Geradin and Cardona, Flexible Multibody Dynamics, Wiley 2001 (heavy top)"

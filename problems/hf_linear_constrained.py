@@ -26,9 +26,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import box_lines, ground_lines, spring_lines
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "made for this bench; modal analysis as in Meirovitch, Fundamentals of Vibrations, McGraw-Hill 2001"

@@ -27,10 +27,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import ProblemError
 from hhtbench.mechanics.lines import chain, pin_lines
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 from problems._minimal import paper_pendulum
 

@@ -31,9 +31,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import chain, circle_lines
-from hhtbench.protocol import Motion, Problem, Scales, System
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, Scales, System
 from problems._common import checked, load_reference
 
 SOURCE = "Jay and Negrut, ETNA 26 (2007) 190-208, section 5, first problem"

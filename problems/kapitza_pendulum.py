@@ -25,9 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import box_lines, circle_lines
-from hhtbench.protocol import Problem, Scales, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem, Scales, parameter
 from problems._common import checked, load_reference
 from problems._pendulum import Bob
 

@@ -25,9 +25,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import outline
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Bloch, Nonholonomic Mechanics and Control, Springer 2003"

@@ -23,10 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector, positive_integer
-from hhtbench.errors import ProblemError
 from hhtbench.mechanics.lines import box_lines, ground_lines, spring_lines
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector, positive_integer
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 from problems._common import checked
 
 SOURCE = "linear chain, modal analysis as in Meirovitch, Fundamentals of Vibrations, McGraw-Hill 2001"

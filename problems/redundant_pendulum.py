@@ -22,8 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
-from hhtbench.protocol import Motion, Problem, Scales, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, Scales, parameter
 from problems._common import checked, load_reference
 from problems._minimal import hanging_point
 from problems._pendulum import Bob, pendulum_lines, quarter, swinging_point

@@ -39,9 +39,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.space import body_rate, norm_rows, rotation, rotational_force, rotational_mass, velocity_at
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Routh, Advanced Rigid Dynamics, 1905; Nikravesh, Computer-Aided Analysis of Mechanical Systems, 1988"

@@ -30,9 +30,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.space import norm_rows, quaternion_rate, rotation, space_rate
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Neimark and Fufaev, Dynamics of Nonholonomic Systems, American Mathematical Society 1972"

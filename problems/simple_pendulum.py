@@ -24,7 +24,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.protocol import Motion, Problem, Scales
+from hhtbench.protocol.system import Motion, Problem, Scales
 from problems._common import checked, load_reference
 from problems._minimal import hanging_point
 from problems._pendulum import Bob, angle, quarter, sketch, swinging_point

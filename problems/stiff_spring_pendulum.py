@@ -24,9 +24,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.arguments import Vector
 from hhtbench.mechanics.lines import chain, pin_lines, spring_lines
-from hhtbench.protocol import Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem, Scales, System, parameter
 from problems._common import checked, load_reference
 from problems._minimal import level_spring
 

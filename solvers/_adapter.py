@@ -13,12 +13,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hhtbench.counting import timed
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import Structure, derive
-from hhtbench.protocol import PHYSICS, Problem, System, declared, reaction_takes_velocity
-from hhtbench.request import Request
-from hhtbench.result import Counters, Solution, Status
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import PHYSICS, Problem, System, declared, reaction_takes_velocity
+from hhtbench.solution.counting import timed
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Counters, Solution, Status
 from solvers import forms
 from solvers._ending import empty_solution, solved
 from solvers._run import Run

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.differences import derivative, derivative_along
 from hhtbench.lowering.dynamics.dynamics import as_declared
-from hhtbench.protocol import PATTERNS, checked_patterns, declared, full_pattern, signature_of
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.errors import NonFiniteValue, ProblemError
+from hhtbench.protocol.system import PATTERNS, checked_patterns, declared, full_pattern, signature_of
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED

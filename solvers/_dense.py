@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, padded
-from hhtbench.result import DenseOutput
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import DenseOutput
 from solvers.forms.form import Form
 
 if TYPE_CHECKING:

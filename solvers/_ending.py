@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector, all_finite
-from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, route_of, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.result import Counters, Solution, Status
+from hhtbench.protocol.arguments import Matrix, Vector, all_finite
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.solution.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
 

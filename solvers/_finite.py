@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.dynamics.products import large
+from hhtbench.protocol.errors import NonFiniteValue
 
 
 def as_arguments(dynamics: Dynamics, *values: Any) -> list[Any]:

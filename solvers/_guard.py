@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector, all_finite
-from hhtbench.counting import Work
-from hhtbench.errors import NonFiniteValue, Stop
-from hhtbench.result import Counters, Status
+from hhtbench.protocol.arguments import Vector, all_finite
+from hhtbench.protocol.errors import NonFiniteValue, Stop
+from hhtbench.solution.counting import Work
+from hhtbench.solution.result import Counters, Status
 
 OF_LIBRARY = ("steps_rejected_error", "steps_rejected_newton", "newton_iterations", "factorisations", "linear_solves")
 

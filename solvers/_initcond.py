@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.sparse import issparse
 
-from hhtbench.arguments import all_finite
-from hhtbench.counting import Work, uncounted
-from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import CONSISTENT, ConstraintLevels, Dynamics, constraint_rank, derive, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.protocol import NumpySystem, System
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import all_finite
+from hhtbench.protocol.errors import NonFiniteValue, ProblemError
+from hhtbench.protocol.system import NumpySystem, System
+from hhtbench.solution.counting import Work, uncounted
+from hhtbench.solution.result import Status
 from solvers._finite import explain_nonfinite
 from solvers._start import (
     CORRECT,

@@ -14,11 +14,11 @@ import numpy as np
 import scipy.sparse as sp
 from scipy import linalg
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics, compile_function, mass_at
 from hhtbench.lowering.dynamics.kkt import solve_scaled_sparse
 from hhtbench.lowering.dynamics.products import large
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from solvers._finite import expect_finite
 from solvers._start import finite_levels, of_dynamics
 
@@ -32,7 +32,7 @@ SMALL, STALLED = 1e-15, 1e-12  # increments of such a size change nothing; or no
 
 
 class Projection:
-    """Finds it for one system; what it evaluates may raise :class:`~hhtbench.errors.NonFiniteValue`."""
+    """Finds it for one system; what it evaluates may raise :class:`~hhtbench.protocol.errors.NonFiniteValue`."""
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.levels = of_dynamics(dynamics).levels

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector, all_finite
-from hhtbench.checks.times import unresolved
-from hhtbench.counting import Clock
-from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import AccelerationLevel
-from hhtbench.protocol import Problem
-from hhtbench.request import Request, check_output_times
-from hhtbench.result import Ends, Solution, Status
+from hhtbench.protocol.arguments import Matrix, Vector, all_finite
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.counting import Clock
+from hhtbench.solution.request import Request, check_output_times
+from hhtbench.solution.result import Ends, Solution, Status
+from hhtbench.solution.times import unresolved
 from solvers import forms
 from solvers._dense import Kept, OnConstraints, Pieces
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered

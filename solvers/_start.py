@@ -10,9 +10,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.counting import Work, uncounted
-from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import (
     AccelerationLevel,
     ConstraintLevels,
@@ -29,9 +26,12 @@ from hhtbench.lowering.compile.compiling import too_large
 from hhtbench.lowering.dynamics.mass import infinite_entry, plain_mass
 from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.lowering.dynamics.regular import with_full_matrices
-from hhtbench.protocol import DERIVATIVES, NumpySystem, Problem, System, declared
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.protocol.system import DERIVATIVES, NumpySystem, Problem, System, declared
+from hhtbench.solution.counting import Work, uncounted
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers._finite import expect_finite
 
 if TYPE_CHECKING:

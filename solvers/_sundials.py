@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.solution.result import Status
 from solvers import forms
 from solvers._dense import NODES, Polynomial
 from solvers._run import Halt, Run

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import linalg, special
 
-from hhtbench.arguments import Matrix, Vector, positive_integer
-from hhtbench.errors import ProblemError
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Matrix, Vector, positive_integer
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import Status
 from solvers._adapter import Adapter, choose
 from solvers._dense import Polynomial, barycentric
 from solvers._run import Halt, Run

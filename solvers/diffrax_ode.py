@@ -17,12 +17,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import compile_function
 from hhtbench.lowering.dynamics.callbacks import Callbacks
-from hhtbench.protocol import NumpySystem, Problem
-from hhtbench.request import Request
-from hhtbench.result import Counters, Status
+from hhtbench.protocol.errors import BudgetSpent
+from hhtbench.protocol.system import NumpySystem, Problem
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Counters, Status
 from solvers._adapter import Adapter, choose
 from solvers._dense import NODES, Polynomial
 from solvers._run import Halt, Run

@@ -14,13 +14,13 @@ from typing import Any
 import jax
 import numpy as np
 
-from hhtbench.arguments import Matrix
-from hhtbench.counting import Work
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics
-from hhtbench.protocol import MinimalCoordinates, Problem, Scales, Solver
-from hhtbench.request import Request
-from hhtbench.result import Ends, Solution, ends_of
+from hhtbench.protocol.arguments import Matrix
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import MinimalCoordinates, Problem, Scales, Solver
+from hhtbench.solution.counting import Work
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Ends, Solution, ends_of
 from solvers import cvode, hht, scipy_ivp
 from solvers._adapter import choose
 from solvers._ending import OwnMultipliers, solution_of

@@ -13,9 +13,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.lowering import NotNative
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Vector
+from hhtbench.solution.result import Status
 from solvers._adapter import choose
 from solvers._projection import PROJECTED, Projection
 from solvers._run import Halt, Run

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import integrate
 
-from hhtbench.result import Status
+from hhtbench.solution.result import Status
 from solvers._adapter import Adapter, choose
 from solvers._run import Halt, Run
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import jax
 import pytest
 
-from hhtbench.processes import one_blas_thread
+from hhtbench.runtime.processes import one_blas_thread
 
 one_blas_thread()  # several pytest processes share the cores
 

@@ -6,9 +6,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from hhtbench.analysis.cells import CONSTANT
 from hhtbench.campaign import Campaign, Grid
-from hhtbench.specs import canonical
+from hhtbench.campaign.analysis.cells import CONSTANT
+from hhtbench.catalogue.specs import canonical
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Candidate:
 
     @property
     def entry(self) -> str:
-        """As the analysis names its curve (:func:`hhtbench.analysis.cells.entry_of`)."""
+        """As the analysis names its curve (:func:`hhtbench.campaign.analysis.cells.entry_of`)."""
         name = canonical(self.spec).replace("'", "").replace('"', "")
         return name if self.refine == "rtol" else name + CONSTANT
 

@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from hhtbench.analysis.fronts import MEASURES
-from hhtbench.arguments import real_number
-from hhtbench.errors import ProblemError
+from hhtbench.campaign.analysis.fronts import MEASURES
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
 
 
 @dataclass(frozen=True, kw_only=True)

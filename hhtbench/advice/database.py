@@ -18,14 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhtbench import analysis
 from hhtbench.advice.families import family_of
 from hhtbench.advice.features import NAMES, Features, Probe
-from hhtbench.analysis.fronts import MEASURES
-from hhtbench.arguments import Matrix
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.fronts import MEASURES
 from hhtbench.campaign.machine import clock_of, machine_facts
-from hhtbench.errors import ProblemError
-from hhtbench.store import RunRow
+from hhtbench.campaign.store import RunRow
+from hhtbench.protocol.arguments import Matrix
+from hhtbench.protocol.errors import ProblemError
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 HELD = (None, 1e-10)  #: bounds of the drift: none, and what projection and HHT keep

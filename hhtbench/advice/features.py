@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.equations import Equations
-from hhtbench.errors import ProblemError, Stop
 from hhtbench.lowering import derive
-from hhtbench.protocol import Problem
+from hhtbench.lowering.equations import Equations
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.errors import ProblemError, Stop
+from hhtbench.protocol.system import Problem
 
 MOMENTS = (0.1, 0.4)  # of the interval: when forces that depend on time are looked at too, in the state of the start
 LEAST = 1e-3  # of a turn in the interval: what is slower stands still
@@ -61,7 +61,7 @@ class Probe:
 
 
 def probe(problem: Problem) -> Probe:
-    """Look at ``problem`` at its start, by :data:`~hhtbench.equations.POWERS` + 3 evaluations of the acceleration.
+    """Look at ``problem`` at its start, by :data:`~hhtbench.lowering.equations.POWERS` + 3 evaluations of the acceleration.
 
     Raises
     ------

@@ -9,7 +9,7 @@ import numpy as np
 from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, HELD, Database
 from hhtbench.advice.features import Features
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.protocol.arguments import Matrix, Vector
 
 NEIGHBOURS = 10
 PRIOR = 10.0  # votes of all scenes beside the neighbours': these alone are worse than the best on the whole

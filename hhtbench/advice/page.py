@@ -7,14 +7,14 @@ from html import escape
 from importlib.resources import files
 from pathlib import Path
 
-from hhtbench import analysis
+from hhtbench.campaign import analysis
+from hhtbench.campaign.store import RunRow
 from hhtbench.report import colours
 from hhtbench.report.chart import draw
 from hhtbench.report.charts import PRECISION, problem_charts
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.figures import show_legend
 from hhtbench.report.frame import Chart
-from hhtbench.store import RunRow
 
 PAGE = """\
 <!doctype html>

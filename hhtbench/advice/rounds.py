@@ -14,11 +14,11 @@ from pathlib import Path
 from hhtbench.advice.candidates import Candidate, campaign_for
 from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.standing import SEVERAL, Standing
-from hhtbench.analysis.cells import entry_of
 from hhtbench.campaign import run_campaign
+from hhtbench.campaign.analysis.cells import entry_of
 from hhtbench.campaign.campaign import Progress
 from hhtbench.campaign.execute import WorkerPool
-from hhtbench.store import RunRow, Store
+from hhtbench.campaign.store import RunRow, Store
 
 FIRST_CAP = 1.0  # [s] of one solve in the first round, and at least: on a busy machine a quick one may wait
 GROWTH = 4.0  # of the cap from round to round

@@ -14,18 +14,18 @@ from hhtbench.advice.nearest import Expectation, Space, error_of, expected, key_
 from hhtbench.advice.standing import Standing
 from hhtbench.advice.trading import trade
 from hhtbench.advice.verdict import as_run, ranking, sentence
-from hhtbench.analysis import newest
-from hhtbench.analysis.cells import asked_of, kind_of, spec_of
-from hhtbench.analysis.fronts import Front
-from hhtbench.analysis.missing import UNKNOWN
-from hhtbench.arguments import real_number
+from hhtbench.campaign.analysis import newest
+from hhtbench.campaign.analysis.cells import asked_of, kind_of, spec_of
+from hhtbench.campaign.analysis.fronts import Front
+from hhtbench.campaign.analysis.missing import UNKNOWN
 from hhtbench.campaign.machine import clock_of
 from hhtbench.campaign.plan import outdated
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem
-from hhtbench.registry import load_problem
-from hhtbench.specs import canonical
-from hhtbench.store import RunRow, load_rows
+from hhtbench.campaign.store import RunRow, load_rows
+from hhtbench.catalogue.registry import load_problem
+from hhtbench.catalogue.specs import canonical
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, Problem
 
 TIGHTEST = HELD[1]  # bound of the drift that a database knows
 ERRORS = f"{max(ACCURACIES):g} to {min(ACCURACIES):g}"

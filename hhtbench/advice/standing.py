@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hhtbench import analysis
 from hhtbench.advice.criteria import Criteria
-from hhtbench.analysis.fronts import Front
-from hhtbench.analysis.missing import UNKNOWN
-from hhtbench.store import RunRow
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.fronts import Front
+from hhtbench.campaign.analysis.missing import UNKNOWN
+from hhtbench.campaign.store import RunRow
 
 SEVERAL = 4.0  # times the cheapest: from there on a candidate is dropped; a single time beside other work is good to twice
 OPEN = ("capped", *UNKNOWN)  #: reasons after which more time may help

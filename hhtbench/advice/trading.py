@@ -21,19 +21,19 @@ from hhtbench.advice.page import write_page
 from hhtbench.advice.rounds import UNTRIED, Rounds
 from hhtbench.advice.truth import truth_of
 from hhtbench.advice.verdict import Choice, as_run, choices_of, failure, sentence
-from hhtbench.analysis.fronts import Front
-from hhtbench.arguments import positive_integer, real_number
+from hhtbench.campaign.analysis.fronts import Front
 from hhtbench.campaign.asked import refuse_misspelt
 from hhtbench.campaign.campaign import Progress
 from hhtbench.campaign.execute import WorkerPool, machine_limits
 from hhtbench.campaign.objects import Named, ThisProcess, named
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem
-from hhtbench.registry import holding, load_problem, load_solver
+from hhtbench.campaign.store import RunRow, Store
+from hhtbench.catalogue.registry import holding, load_problem, load_solver
+from hhtbench.catalogue.specs import canonical
+from hhtbench.protocol.arguments import positive_integer, real_number
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem
 from hhtbench.report.words import work
-from hhtbench.request import Request
-from hhtbench.specs import canonical
-from hhtbench.store import RunRow, Store
+from hhtbench.solution.request import Request
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 SECONDS = 60.0

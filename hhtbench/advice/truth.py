@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from hhtbench.campaign import Campaign
+from hhtbench.campaign.reference import reference_of
 from hhtbench.campaign.references import auto_references
-from hhtbench.protocol import Problem
-from hhtbench.reference import reference_of
+from hhtbench.protocol.system import Problem
 
 
 @dataclass(frozen=True)

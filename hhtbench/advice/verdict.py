@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from hhtbench.advice.criteria import Criteria
-from hhtbench.analysis.cells import spec_of
-from hhtbench.analysis.decision import places
-from hhtbench.analysis.fronts import Cost, Front
+from hhtbench.campaign.analysis.cells import spec_of
+from hhtbench.campaign.analysis.decision import places
+from hhtbench.campaign.analysis.fronts import Cost, Front
 from hhtbench.report.words import seconds, shown
 
 CLEARLY = 1.3  # times dearer at one error: the sentence names who is cheaper there

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 
 COMPONENTS = ("q", "v", "lam", "mu")
 SAME_TIME = 1e-12  # of the interval: an output time and a reference time that differ by rounding

@@ -6,9 +6,9 @@ import inspect
 from collections.abc import Iterable
 from typing import Any, Literal
 
-from hhtbench import plugins
-from hhtbench.registry import load_solver
-from hhtbench.specs import canonical, parse_spec
+from hhtbench.catalogue import plugins
+from hhtbench.catalogue.registry import load_solver
+from hhtbench.catalogue.specs import canonical, parse_spec
 
 
 def find_alike(kind: Literal["problem", "solver"], text: str, among: Iterable[str]) -> str | None:

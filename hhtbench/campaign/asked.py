@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from hhtbench import plugins
-from hhtbench.arguments import real_number
 from hhtbench.campaign.files import named_campaign
 from hhtbench.campaign.plan import Campaign, Grid, restrict
-from hhtbench.errors import ProblemError
-from hhtbench.registry import load_solver
-from hhtbench.specs import parse_spec
+from hhtbench.catalogue import plugins
+from hhtbench.catalogue.registry import load_solver
+from hhtbench.catalogue.specs import parse_spec
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
 
 KINDS = {"rtol": float, "step": float, "steps": int}  # options of a command that take lists of numbers
 

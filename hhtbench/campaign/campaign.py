@@ -20,9 +20,9 @@ from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.machine import CLOCK, clock_of, machine_facts, usable_cores
 from hhtbench.campaign.plan import Campaign, Cell, plan_pairs
 from hhtbench.campaign.run import TIMED
-from hhtbench.errors import ProblemError
-from hhtbench.result import Status
-from hhtbench.store import Entry, RunRow, Store
+from hhtbench.campaign.store import Entry, RunRow, Store
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import Status
 
 Progress = Callable[[str, int, int], None]  #: pass, cells done, cells to do
 Name = tuple[str, ...]  #: of a pair: problem, solver, and what is refined

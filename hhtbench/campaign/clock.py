@@ -15,8 +15,8 @@ from dataclasses import replace
 from typing import Any
 
 from hhtbench.campaign.run import WARM_UP, Phase, of_plugins, request_of, text_of, warm_up, without_output
-from hhtbench.protocol import Problem, Solver
-from hhtbench.request import Request
+from hhtbench.protocol.system import Problem, Solver
+from hhtbench.solution.request import Request
 
 LEAST = 0.02  # s of solves in a reading: the clock's own steps, and what a process does beside, are far below
 PATIENCE = 5.0  # times as much wall time, after which a reading of a solve that waits ends

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from distributed import Client
 
-from hhtbench.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError
 
 CONNECT = 30.0  # s to reach the scheduler
 

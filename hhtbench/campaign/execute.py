@@ -28,9 +28,9 @@ from hhtbench.campaign.machine import machine_facts, total_memory, usable_cores
 from hhtbench.campaign.process import WorkerProcess
 from hhtbench.campaign.run import MEASURING, WARM_UP
 from hhtbench.campaign.waiting import WaitingTasks
-from hhtbench.errors import ProblemError
-from hhtbench.filespec import refuse_nested
-from hhtbench.result import Status
+from hhtbench.catalogue.filespec import refuse_nested
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import Status
 
 POLL = 0.05  # s between looks at deadlines and memory
 GRACE = 5.0  # s beyond its budget before a worker is killed: a solver that obeys its budget ends by itself
@@ -62,7 +62,7 @@ class Task:
 
     problem: str  #: canonical spec
     solver: str  #: canonical spec
-    request: dict[str, Any]  #: as in :class:`~hhtbench.store.rows.RunRow`
+    request: dict[str, Any]  #: as in :class:`~hhtbench.campaign.store.rows.RunRow`
     repeats: int = 0  #: > 0: time that many solves instead of measuring one
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 
 from hhtbench.campaign.plan import Campaign, Grid
-from hhtbench.errors import NotFoundError, ProblemError
+from hhtbench.protocol.errors import NotFoundError, ProblemError
 
 GRID = "grid"  # the tables [[grid]] of a file
 WORDS = {"`array`": "a list", "`str`": "text", "`int`": "a whole number", "`float`": "a number", "`bool`": "true or false"}

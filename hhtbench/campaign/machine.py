@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from hhtbench.evidence import environment
+from hhtbench.protocol.evidence import environment
 
 CLOCK = ("machine", "system", "processor", "cores", "memory_GiB")  #: of the environment: what makes a machine fast
 SOLVER_LIBRARIES = ("scikit-sundae", "diffrax")

@@ -1,4 +1,4 @@
-"""One solution to the numbers and curves of a row; the keys are those of :class:`~hhtbench.store.rows.RunRow`."""
+"""One solution to the numbers and curves of a row; the keys are those of :class:`~hhtbench.campaign.store.rows.RunRow`."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.campaign.accuracy import Comparison, compare, compare_multipliers
 from hhtbench.checks.drift import Drift, measure_drift, own_at_rows, own_at_steps
-from hhtbench.evidence import plain
-from hhtbench.protocol import Problem
-from hhtbench.result import Counters, Solution
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.evidence import plain
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Counters, Solution
 
 MOST_POINTS = 100  # of a curve: what a plot can show
 DIGITS = 6  # significant ones of a curve: a plot shows three

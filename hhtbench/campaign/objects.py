@@ -13,15 +13,15 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from hhtbench.arguments import shown
 from hhtbench.campaign.execute import Limits, WorkerPool
 from hhtbench.campaign.machine import machine_facts
 from hhtbench.campaign.worker import Bench
-from hhtbench.errors import ProblemError
-from hhtbench.filespec import refuse_nested
-from hhtbench.processes import Inline
-from hhtbench.protocol import IMPORTED, Problem
-from hhtbench.specs import canonical, parse_spec
+from hhtbench.catalogue.filespec import refuse_nested
+from hhtbench.catalogue.specs import canonical, parse_spec
+from hhtbench.protocol.arguments import shown
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import IMPORTED, Problem
+from hhtbench.runtime.processes import Inline
 
 MTIME_ROUNDING = 2.0  # [s]; some file systems store times of change no finer
 
@@ -31,7 +31,7 @@ class Named:
     """Specs of problems, and the objects that some of them mean in this process alone."""
 
     specs: tuple[str, ...]
-    held: dict[str, Problem] = field(default_factory=dict)  #: for :func:`hhtbench.registry.holding`
+    held: dict[str, Problem] = field(default_factory=dict)  #: for :func:`hhtbench.catalogue.registry.holding`
     note: str = ""  #: what follows for the user
 
 

@@ -12,15 +12,15 @@ from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
-from hhtbench.analysis.cells import Rules, points
-from hhtbench.analysis.ladder import End, next_setting
-from hhtbench.arguments import positive_integer
 from hhtbench.campaign.alike import find_alike
+from hhtbench.campaign.analysis.cells import Rules, points
+from hhtbench.campaign.analysis.ladder import End, next_setting
 from hhtbench.campaign.sources import SourceReader
-from hhtbench.errors import NotFoundError, ProblemError
-from hhtbench.request import make_request
-from hhtbench.specs import Spec, canonical, parse_spec
-from hhtbench.store.rows import RunRow
+from hhtbench.campaign.store.rows import RunRow
+from hhtbench.catalogue.specs import Spec, canonical, parse_spec
+from hhtbench.protocol.arguments import positive_integer
+from hhtbench.protocol.errors import NotFoundError, ProblemError
+from hhtbench.solution.request import make_request
 
 OUTPUTS = 51  # output times: enough for a plot; work is measured by solves without them
 AXES = ("rtol", "step", "steps")
@@ -74,7 +74,7 @@ class Cell:
     identity: str  #: hash of specs and request alone: a row of another key and this identity is out of date
     problem: str  #: canonical spec
     solver: str  #: canonical spec
-    request: dict[str, Any]  #: as in :class:`~hhtbench.store.rows.RunRow`
+    request: dict[str, Any]  #: as in :class:`~hhtbench.campaign.store.rows.RunRow`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,7 +119,7 @@ class Pair:
         """The cells to run after ``rows``, all of the pair's own so far; none where there is nothing more to run.
 
         Nothing else decides: a resumed campaign that holds the rows asks for nothing, and the report calls the same
-        function (:mod:`hhtbench.analysis.ladder`) to say why an error was not reached.
+        function (:mod:`hhtbench.campaign.analysis.ladder`) to say why an error was not reached.
         """
         if not self.kind:
             return () if rows else tuple(self.cell(asked, self.rules.max_seconds) for asked in self.given)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from hhtbench.processes import Process
+from hhtbench.runtime.processes import Process
 
 OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)
 PAGE = os.sysconf("SC_PAGE_SIZE")

@@ -11,21 +11,21 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.analysis.cells import points
-from hhtbench.arguments import positive_integer
+from hhtbench.campaign.analysis.cells import points
 from hhtbench.campaign.asked import campaign_of
 from hhtbench.campaign.campaign import run_campaign
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.objects import ThisProcess, named
 from hhtbench.campaign.plan import Campaign
-from hhtbench.protocol import Problem
-from hhtbench.registry import holding
-from hhtbench.store import RunRow, Store
+from hhtbench.campaign.store import RunRow, Store
+from hhtbench.catalogue.registry import holding
+from hhtbench.protocol.arguments import positive_integer
+from hhtbench.protocol.system import Problem
 
 
 @dataclass(frozen=True)
 class Runs:
-    """What a campaign came to; ``hhtbench.analysis`` has functions from ``rows`` to tables, fronts and curves."""
+    """What a campaign came to; ``hhtbench.campaign.analysis`` has functions from ``rows`` to tables, fronts and curves."""
 
     rows: tuple[RunRow, ...]  #: one a solve, in the order of the campaign
 

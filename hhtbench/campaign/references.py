@@ -8,17 +8,17 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hhtbench.campaign.plan import Campaign
+from hhtbench.campaign.reference import certified
+from hhtbench.campaign.reference.auto import SECONDS, file_of
 from hhtbench.campaign.sources import SourceReader
-from hhtbench.reference import certified
-from hhtbench.reference.auto import SECONDS, file_of
-from hhtbench.specs import canonical, parse_spec
+from hhtbench.catalogue.specs import canonical, parse_spec
 
 #: solvers of certificates; with a problem's files they make a certificate's name
 RESTS_ON = ("collocation", "projected", "cvode", "ida")
 JUDGE = ("judge", "between", "reactions", "motion", "flow", "allowed")  # of a campaign's runs, not of solves
 #: what measures a run does not change the truth
 NOT_THESE = (
-    *("hhtbench.campaign.", "hhtbench.analysis.", "hhtbench.checks.drift"),
+    *("hhtbench.campaign.", "hhtbench.campaign.analysis.", "hhtbench.checks.drift"),
     *(f"hhtbench.checks.result.{name}" for name in JUDGE),
 )
 

@@ -17,16 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.campaign.accuracy import same_time
 from hhtbench.campaign.metrics import counters_of, measure
 from hhtbench.checks.result.judge import judge
 from hhtbench.checks.result.success import doubt_about, ends_elsewhere, impossible_work, too_few
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import derive, operations
-from hhtbench.protocol import Problem, Solver
-from hhtbench.request import Request, check_output_times
-from hhtbench.result import Counters, Ends, Solution, Status, ends_of
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem, Solver
+from hhtbench.solution.request import Request, check_output_times
+from hhtbench.solution.result import Counters, Ends, Solution, Status, ends_of
 
 WARM_UP = "the warm-up"  #: name of the phase that compiles
 MEASURING = "the measurement"  #: of that which looks at every step

@@ -11,10 +11,10 @@ from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from pathlib import Path
 
-from hhtbench import plugins
-from hhtbench.packages import locations, own_folders
-from hhtbench.registry import is_held
-from hhtbench.specs import Spec
+from hhtbench.catalogue import plugins
+from hhtbench.catalogue.packages import locations, own_folders
+from hhtbench.catalogue.registry import is_held
+from hhtbench.catalogue.specs import Spec
 
 NUMERICS = ("hhtbench.campaign.run",)  #: what turns problem and solver into numbers; its imports are followed
 ALWAYS = ("numpy", "scipy", "jax", "jaxlib", "equinox")

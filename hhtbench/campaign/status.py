@@ -12,8 +12,8 @@ from hhtbench.campaign.campaign import stands, untimed
 from hhtbench.campaign.machine import clock_of
 from hhtbench.campaign.plan import Campaign, Cell, Pair, plan_pairs
 from hhtbench.campaign.references import references_there
+from hhtbench.campaign.store import Reading, RunRow, read_store
 from hhtbench.campaign.summary import ended, failure_facts, failure_lines
-from hhtbench.store import Reading, RunRow, read_store
 
 MADE_WITH = ("python", "hhtbench", "commit")  # of a row's environment, beside what makes a machine fast
 MACHINE = "{processor}, {cores} cores, {memory_GiB} GiB, {system}; Python {python}, hhtbench {hhtbench} ({commit})"

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from hhtbench.analysis.outcomes import Failure, failures
+from hhtbench.campaign.analysis.outcomes import Failure, failures
 from hhtbench.campaign.campaign import Done
 from hhtbench.campaign.public import Runs
-from hhtbench.result import Status
-from hhtbench.store import RunRow
+from hhtbench.campaign.store import RunRow
+from hhtbench.solution.result import Status
 
 MOST_SHOWN = 12  # kinds of failures on the terminal; the store holds all
 ANY = "any"  # status that is neither success, event nor declined

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from hhtbench.campaign.clock import time_cell
+from hhtbench.campaign.reference import reference_of
 from hhtbench.campaign.run import Phase, of_plugins, run_cell, status_of, text_of
-from hhtbench.errors import ProblemError
-from hhtbench.processes import opened
-from hhtbench.protocol import Problem, Solver
-from hhtbench.reference import reference_of
-from hhtbench.registry import load_problem, load_solver
-from hhtbench.result import Status
+from hhtbench.catalogue.registry import load_problem, load_solver
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem, Solver
+from hhtbench.runtime.processes import opened
+from hhtbench.solution.result import Status
 
 
 def serve(descriptor: int, parent: int) -> None:

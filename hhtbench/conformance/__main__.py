@@ -10,7 +10,7 @@ import click
 
 from hhtbench.conformance.check import SUITES, check_solver
 from hhtbench.conformance.entry import Kind
-from hhtbench.processes import one_blas_thread
+from hhtbench.runtime.processes import one_blas_thread
 
 
 @click.command("hhtbench.conformance")

@@ -13,9 +13,9 @@ import numpy as np
 from hhtbench.api import solve
 from hhtbench.conformance.entry import Entry, Kind, Known, Lane, Outcome
 from hhtbench.conformance.subject import ACCURACY, Declined, Subject
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution, Status
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution, Status
 
 MAX_SECONDS = 3.0  # of one solve, unless a cell says otherwise
 MAX_COMPILING = 60.0  # [s] of the single step before it, in which functions are compiled

@@ -11,14 +11,14 @@ from unittest import SkipTest
 import numpy as np
 
 from hhtbench.api import solve
+from hhtbench.catalogue.registry import load_problem
 from hhtbench.checks.problem import check
 from hhtbench.conformance.entry import Entry, Finding, Kind, Outcome, as_known, outcome_of
 from hhtbench.conformance.pairwise import FACTOR, assert_solvers_agree
 from hhtbench.conformance.registry import CLAIMS, FAMILIES, checks_of
 from hhtbench.conformance.subject import ACCURACY, ITERATIONS, Claims, Subject, expect
-from hhtbench.evidence import Row
-from hhtbench.protocol import Problem, Solver
-from hhtbench.registry import load_problem
+from hhtbench.protocol.evidence import Row
+from hhtbench.protocol.system import Problem, Solver
 
 SUITES: Mapping[str, Sequence[Entry]] = {"claims": CLAIMS, "extremes": FAMILIES}
 SOLVERS = ("hht", "projected")  # two families: one step of the DAE itself, and the underlying ODE put back

@@ -9,12 +9,12 @@ import numpy as np
 from tabulate import tabulate
 
 from hhtbench.api import solve
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem, Scales, Solver
-from hhtbench.registry import load_problem, load_solver
-from hhtbench.request import Request
-from hhtbench.result import Solution
+from hhtbench.catalogue.registry import load_problem, load_solver
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem, Scales, Solver
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Solution
 
 LEVELS = {"position": ("q",), "velocity": ("v",), "acceleration": ("lam", "mu")}  # of the motion -> what is compared
 ROWS = 11  # output times, equal distances

@@ -21,7 +21,7 @@ from hhtbench.conformance.rows import (
     random_faults,
     reproducibility,
 )
-from hhtbench.errors import NotFoundError
+from hhtbench.protocol.errors import NotFoundError
 
 
 def _entries(*modules: ModuleType) -> tuple[Entry, ...]:

@@ -13,15 +13,15 @@ import numpy as np
 
 import hhtbench
 from hhtbench.api import solve
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.catalogue.registry import load_solver
+from hhtbench.catalogue.specs import parse_spec
 from hhtbench.conformance.scenes import SCENES
 from hhtbench.conformance.scenes.rod import Q0, V0, problem
 from hhtbench.conformance.scenes.scene import SPAN, Scene
-from hhtbench.protocol import Problem, Solver
-from hhtbench.registry import load_solver
-from hhtbench.request import make_request
-from hhtbench.result import Solution, Status
-from hhtbench.specs import parse_spec
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Problem, Solver
+from hhtbench.solution.request import make_request
+from hhtbench.solution.result import Solution, Status
 
 TOLERANCES = (1e-3, 1e-4, 1e-5)  # loose to tight
 STEPS = (100, 200, 400)  # the same for solvers of prescribed steps

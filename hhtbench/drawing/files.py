@@ -8,12 +8,12 @@ from typing import Any
 
 import click
 
+from hhtbench.catalogue.registry import list_problems, load_problem
 from hhtbench.drawing import draw
 from hhtbench.drawing.motion import Course, draw_state, find_course
 from hhtbench.drawing.scene import Scene, make_scene
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem
-from hhtbench.registry import list_problems, load_problem
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem
 
 Writer = Callable[[Scene, int | None, Path], None]
 

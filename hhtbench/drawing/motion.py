@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from hhtbench.api import solve
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution, Status
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution, Status
 
 SAMPLES = 600  # states of a course: 40 a swing where an interval holds 15 swings
 ENOUGH = 120  # states for a smooth path; of a shorter span they are found anew

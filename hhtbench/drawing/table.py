@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench import plugins
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem, declared
-from hhtbench.reference.plan import Entry, registered_plans
-from hhtbench.registry import THUMBNAILS, list_problems, load_problem
+from hhtbench.campaign.reference.plan import Entry, registered_plans
+from hhtbench.catalogue import plugins
+from hhtbench.catalogue.registry import THUMBNAILS, list_problems, load_problem
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem, declared
 
 BEGIN, END = "<!-- table: hhtbench show --table -->", "<!-- end of table -->"
 HEADS = ("", "name and parameters", "n/m/p", "tags", "values to compare with", "source", "good for")

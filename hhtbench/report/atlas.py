@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from hhtbench.analysis.cells import DOUBTED, points
+from hhtbench.campaign.analysis.cells import DOUBTED, points
+from hhtbench.campaign.store.rows import RunRow
+from hhtbench.catalogue.specs import parse_spec
 from hhtbench.report.tables import Cell, Table, make_table
-from hhtbench.specs import parse_spec
-from hhtbench.store.rows import RunRow
 
 SILENT = "silently wrong"
 TOLERANCES = 1000.0  # of a success that is silently wrong: motions of the library magnify errors by up to 200

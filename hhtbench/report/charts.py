@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from hhtbench import analysis
-from hhtbench.analysis.accuracy import COARSE
-from hhtbench.analysis.cells import SUBJECT, Point, entry_of, family, number
-from hhtbench.analysis.fronts import pareto
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.accuracy import COARSE
+from hhtbench.campaign.analysis.cells import SUBJECT, Point, entry_of, family, number
+from hhtbench.campaign.analysis.fronts import pareto
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.frame import Chart
 from hhtbench.report.marks import curves_of
 from hhtbench.report.runs import slope_text
 from hhtbench.report.series import LEAST_DRIFT, MULTIPLIERS, charts_over_time
 from hhtbench.report.words import STAR, compared, listed, plural, short, uncounted, weighed
-from hhtbench.store.rows import RunRow
 
 AXES = {"rtol": "relative tolerance", "step": "step [s]", "steps": "step / length of the interval"}
 VIEWS = {"rtol": "tolerance", "step": "step", "steps": "number of steps"}

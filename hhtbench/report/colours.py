@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.analysis.cells import SUBJECT, family
-from hhtbench.evidence import Plot
+from hhtbench.campaign.analysis.cells import SUBJECT, family
+from hhtbench.protocol.evidence import Plot
 
 # Okabe and Ito's palette without yellow (too pale on white): told apart with colour-blind eyes.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

@@ -10,9 +10,10 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from hhtbench import analysis
-from hhtbench.errors import ProblemError
-from hhtbench.evidence import Evidence
+from hhtbench.campaign import analysis
+from hhtbench.campaign.store.rows import RunRow
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.evidence import Evidence
 from hhtbench.report import colours, runs
 from hhtbench.report.atlas import COUNTED
 from hhtbench.report.chart import HEIGHT, draw
@@ -26,7 +27,6 @@ from hhtbench.report.markdown import summary_page
 from hhtbench.report.rules import campaign_told
 from hhtbench.report.wording import anchor, verdict
 from hhtbench.report.words import plural
-from hhtbench.store.rows import RunRow
 
 COMPARISON, SUMMARY = "index.html", "summary.md"
 CURVES, CLAIMS = "convergence.html", "report.md"  # written by `verify`, linked where they are there

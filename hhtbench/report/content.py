@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from hhtbench import analysis
-from hhtbench.analysis.fronts import BOUNDS, Campaign, campaign_of
-from hhtbench.analysis.kinds import Kind
-from hhtbench.analysis.outcomes import machines
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.fronts import BOUNDS, Campaign, campaign_of
+from hhtbench.campaign.analysis.kinds import Kind
+from hhtbench.campaign.analysis.outcomes import machines
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report import contest, runs
 from hhtbench.report.atlas import Atlas, failure_atlas
 from hhtbench.report.decisions import decisions, reading
@@ -18,7 +19,6 @@ from hhtbench.report.rules import rules
 from hhtbench.report.summary import older, problem_summary, summary
 from hhtbench.report.tables import Table
 from hhtbench.report.words import MEASURES, bounded
-from hhtbench.store.rows import RunRow
 
 RANKED: dict[str, Callable[[Sequence[RunRow], Campaign], Table]] = {
     **{f"Both sides of the comparison, {bounded(bound)}": partial(contest.both_sides, held=bound) for bound in BOUNDS},

@@ -6,9 +6,10 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from hhtbench import analysis
-from hhtbench.analysis.fronts import BOUNDS, Campaign, Comparison, Cost, campaign_of
-from hhtbench.analysis.missing import Missing
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.fronts import BOUNDS, Campaign, Comparison, Cost, campaign_of
+from hhtbench.campaign.analysis.missing import Missing
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.words import (
     AT_MOST,
@@ -27,7 +28,6 @@ from hhtbench.report.words import (
     uncounted,
     work,
 )
-from hhtbench.store.rows import RunRow
 
 CHEAPEST = 3  # solvers named for each error
 TONES = {"wins": "good", "alone": "good", "unheld": "good", "loses": "bad", "absent": "bad"}

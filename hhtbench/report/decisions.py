@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from hhtbench import analysis
-from hhtbench.analysis.cells import SUBJECT, family
-from hhtbench.analysis.decision import Choice, Place, Ratio
-from hhtbench.analysis.fronts import BOUNDS, Campaign
-from hhtbench.analysis.kinds import Kind
-from hhtbench.analysis.missing import NOT_RUN, UNKNOWN
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.cells import SUBJECT, family
+from hhtbench.campaign.analysis.decision import Choice, Place, Ratio
+from hhtbench.campaign.analysis.fronts import BOUNDS, Campaign
+from hhtbench.campaign.analysis.kinds import Kind
+from hhtbench.campaign.analysis.missing import NOT_RUN, UNKNOWN
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
 from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, repeats, short, work
-from hhtbench.store.rows import RunRow
 
 HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on some")
 ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy

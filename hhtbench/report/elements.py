@@ -6,7 +6,7 @@ import base64
 from collections.abc import Mapping
 from html import escape
 
-from hhtbench.registry import thumbnail_of
+from hhtbench.catalogue.registry import thumbnail_of
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.tables import Cell, Table
 from hhtbench.report.words import short

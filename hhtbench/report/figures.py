@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from hhtbench.evidence import Curve, Plot
+from hhtbench.protocol.evidence import Curve, Plot
 from hhtbench.report import colours
 from hhtbench.report.chart import draw
 from hhtbench.report.colours import SolverStyle

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from html import escape
 from typing import Any
 
-from hhtbench import analysis
-from hhtbench.analysis.cells import SUBJECT, family
-from hhtbench.analysis.kinds import Kind
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.cells import SUBJECT, family
+from hhtbench.campaign.analysis.kinds import Kind
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import Content
 from hhtbench.report.decisions import evidence_anchor, told

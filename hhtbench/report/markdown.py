@@ -8,7 +8,7 @@ from typing import Any
 
 from tabulate import tabulate
 
-from hhtbench.evidence import Evidence, Plot, Row
+from hhtbench.protocol.evidence import Evidence, Plot, Row
 from hhtbench.report.content import ATLAS, TITLE, Content, environments, period
 from hhtbench.report.rules import campaign_told
 from hhtbench.report.tables import Table

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from hhtbench.analysis.cells import DOUBTED, Point, by_entry
+from hhtbench.campaign.analysis.cells import DOUBTED, Point, by_entry
 from hhtbench.report.frame import EdgeMark, Trace
 from hhtbench.report.words import doubt, seconds, shown
 

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
-from hhtbench import analysis
-from hhtbench.analysis.cells import SUBJECT, TYPICAL_ERROR, family
-from hhtbench.analysis.drift import DriftCost
-from hhtbench.analysis.fronts import BOUNDS
-from hhtbench.analysis.profile import Profile, Reach, relative_profiles
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.cells import SUBJECT, TYPICAL_ERROR, family
+from hhtbench.campaign.analysis.drift import DriftCost
+from hhtbench.campaign.analysis.fronts import BOUNDS
+from hhtbench.campaign.analysis.profile import Profile, Reach, relative_profiles
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report import colours
 from hhtbench.report.chart import axis, layout_of, rounded
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.frame import limits
 from hhtbench.report.series import LEAST_DRIFT
 from hhtbench.report.words import listed, plural, short, weighed
-from hhtbench.store.rows import RunRow
 
 Styles = Mapping[str, SolverStyle]
 ROOM = 0.08  # of an axis

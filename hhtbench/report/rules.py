@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hhtbench import analysis
-from hhtbench.analysis.cells import Point, Rules, family
-from hhtbench.analysis.fronts import BOUNDS, SAME, level_of, targets_of
-from hhtbench.analysis.ladder import FIRST, MOST, STANDSTILL
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.cells import Point, Rules, family
+from hhtbench.campaign.analysis.fronts import BOUNDS, SAME, level_of, targets_of
+from hhtbench.campaign.analysis.ladder import FIRST, MOST, STANDSTILL
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.words import listed, plural, seconds, times
-from hhtbench.store.rows import RunRow
 
 
 def rules(rows: Sequence[RunRow]) -> list[str]:

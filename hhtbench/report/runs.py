@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hhtbench import analysis
-from hhtbench.analysis.accuracy import Slope
-from hhtbench.analysis.cells import DOUBTED, NEAR, TYPICAL_ERROR, Point, by_entry, typical
-from hhtbench.analysis.drift import equally_accurate
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.accuracy import Slope
+from hhtbench.campaign.analysis.cells import DOUBTED, NEAR, TYPICAL_ERROR, Point, by_entry, typical
+from hhtbench.campaign.analysis.drift import equally_accurate
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.colours import solver_order
 from hhtbench.report.tables import Cell, Table, make_table, ordered
 from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, shown, timed
-from hhtbench.store.rows import RunRow
 
 COUNTS = {
     "steps_accepted": "steps",

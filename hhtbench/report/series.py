@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from hhtbench import analysis
-from hhtbench.analysis.cells import DOUBTED, TYPICAL_ERROR, Point
-from hhtbench.analysis.drift import TimeSeries, invariant_names, multiplier_series
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.cells import DOUBTED, TYPICAL_ERROR, Point
+from hhtbench.campaign.analysis.drift import TimeSeries, invariant_names, multiplier_series
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.colours import solver_order
 from hhtbench.report.frame import Chart, Trace
 from hhtbench.report.marks import described, mark_of
 from hhtbench.report.runs import typical_runs
 from hhtbench.report.words import listed
-from hhtbench.store.rows import RunRow
 
 LEAST_DRIFT = 1e-18  # zero has no place on a logarithmic axis and is drawn here
 MOST_POINTS = 100  # of a series over time

@@ -6,12 +6,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from statistics import median
 
-from hhtbench import analysis
-from hhtbench.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, family
-from hhtbench.analysis.drift import equally_accurate
-from hhtbench.analysis.fronts import BOUNDS, STEADY, Campaign, Comparison
-from hhtbench.analysis.missing import NOT_RUN, UNREFINED
-from hhtbench.analysis.outcomes import Newest, machines
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, family
+from hhtbench.campaign.analysis.drift import equally_accurate
+from hhtbench.campaign.analysis.fronts import BOUNDS, STEADY, Campaign, Comparison
+from hhtbench.campaign.analysis.missing import NOT_RUN, UNREFINED
+from hhtbench.campaign.analysis.outcomes import Newest, machines
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.words import (
     KINDS,
     MEASURES,
@@ -25,7 +26,6 @@ from hhtbench.report.words import (
     shown,
     uncounted,
 )
-from hhtbench.store.rows import RunRow
 
 
 def summary(rows: Sequence[RunRow]) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from hhtbench.evidence import Evidence, Row
+from hhtbench.protocol.evidence import Evidence, Row
 
 
 def verdict(evidence: Evidence) -> str:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from hhtbench.analysis.cells import Point, family
-from hhtbench.analysis.fronts import Comparison
+from hhtbench.campaign.analysis.cells import Point, family
+from hhtbench.campaign.analysis.fronts import Comparison
 
 MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
 SHORT = {"time": "processor time", "evaluations": "evaluations"}

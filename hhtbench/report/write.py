@@ -7,8 +7,8 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-from hhtbench.errors import ProblemError
-from hhtbench.evidence import Evidence, Plot
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.evidence import Evidence, Plot
 from hhtbench.report import colours
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.figures import figure

@@ -7,12 +7,12 @@ from functools import partial
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.callbacks import Callbacks
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import BudgetSpent
+from hhtbench.solution.result import Status
 from solvers._run import Halt, Run
 from solvers._start import typical_sizes
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march

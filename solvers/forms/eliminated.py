@@ -16,11 +16,11 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dgesv
 from scipy.sparse.linalg import splu
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import AccelerationLevel, Dynamics, compile_function, route_of
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
 from hhtbench.lowering.dynamics.products import matrix_free, paying_products
+from hhtbench.protocol.arguments import Matrix, Vector
 from solvers.forms.layout import Functions
 from solvers.forms.underlying import kkt_along, rhs_jacobian_at, rhs_jacobian_function
 from solvers.kernel import memory as mem

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, Structure, route_of
 from hhtbench.lowering.caching import Cache, by_id
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
 from solvers.forms.functions import dae_functions, ode_functions
 from solvers.forms.layout import RECIPES, SOURCES, Layout
 

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.dynamics.kkt import kkt_residual, kkt_terms
+from hhtbench.protocol.errors import ProblemError
 from solvers.forms.rows import ROWS, Point
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any, ClassVar
 
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem
-from hhtbench.request import Request, has_zero, plan_steps
-from hhtbench.result import Solution, Status
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.request import Request, has_zero, plan_steps
+from hhtbench.solution.result import Solution, Status
 from solvers._start import Place, absolute_tolerances
 from solvers.hht.options import make_options
 from solvers.hht.run.engine import NotTaken

@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
-from hhtbench.arguments import real_number
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import REDUCTIONS
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
 from solvers.kernel.linear.analysis import KINDS

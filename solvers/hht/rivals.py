@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
-from hhtbench.arguments import real_number
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import Problem
-from hhtbench.request import Request
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.request import Request
 from solvers.hht.adapter import HHTSolver
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import ALPHA, Coefficients, Method, alpha_of

@@ -10,12 +10,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, ClassVar
 
-from hhtbench.arguments import real_number
-from hhtbench.counting import Work, timed
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem, System
-from hhtbench.request import Request, make_request, with_tolerance
-from hhtbench.result import Counters, DenseOutput, Solution, Status
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, Problem, System
+from hhtbench.solution.counting import Work, timed
+from hhtbench.solution.request import Request, make_request, with_tolerance
+from hhtbench.solution.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.tolerances import make_tolerances
@@ -41,7 +41,7 @@ class HHT:
     Parameters
     ----------
     system
-        A :class:`~hhtbench.protocol.System` or :class:`~hhtbench.protocol.NumpySystem`.
+        A :class:`~hhtbench.System` or :class:`~hhtbench.protocol.system.NumpySystem`.
     events
         :class:`~solvers.hht.events.Event` or plain callables ``(t, q, v)``, one or a list; without them nothing is looked
         for.  Times and states are in ``Solution.t_events``, ``q_events`` and ``v_events``, one entry per event.  Where an
@@ -88,14 +88,14 @@ class HHT:
         """Integrate over ``tspan = (t0, t1)`` [s] from ``q0, v0`` (n,) with prescribed steps or error control.
 
         ``lam_guess`` (m,) and ``mu_guess`` (p,) pick the root where the reaction is nonlinear.  The other keywords
-        are those of :class:`~hhtbench.request.Request`: ``step`` or ``steps`` (of an earlier solution, too), or ``rtol``
+        are those of :class:`~hhtbench.Request`: ``step`` or ``steps`` (of an earlier solution, too), or ``rtol``
         and ``atol``, which is a number, or (n,) for q and v alike, or (2n,); None takes ``rtol`` times what is typical of
         the start.  With none of them ``rtol = 1e-4``, which the message says.
 
         Returns
         -------
         Solution
-            With a :class:`~hhtbench.result.Status`; numerical failures keep the accepted steps.  An exception of
+            With a :class:`~hhtbench.Status`; numerical failures keep the accepted steps.  An exception of
             the system's own functions is raised again as it is, with ``.partial_solution``.  With ``t_eval`` steps that
             fill more than 24 MB are not kept: ``steps_data`` and dense output are None.  Rows at ``t_eval`` between steps
             are put onto both levels of the constraints, (H47); where none is near a row, ``message`` says so.

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.lowering import CONSISTENT, Dynamics, Native, NotNative, native
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import find_pattern
@@ -20,7 +19,8 @@ from hhtbench.lowering.dynamics.kkt import kkt_residual, kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
 from hhtbench.lowering.dynamics.products import paying_products
-from hhtbench.protocol import declared
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import declared
 from solvers._finite import inverse_mass_at
 from solvers.kernel import memory as mem
 from solvers.kernel.linear.analysis import Analysis, address_of, chosen

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.protocol import Motion, NumpySystem, Problem, System, parameter
+from hhtbench.protocol.system import Motion, NumpySystem, Problem, System, parameter
 from solvers import cvode, diffrax_ode, ida, projected, scipy_ivp
 
 OMEGA = 1.5  # angular velocity of the scenes on a circle [rad/s]

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hhtbench.protocol import NumpySystem, Scales
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem, Scales
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers import cvode, diffrax_ode, ida
 from tests.adapters.scenes import HOST, KINDS, RING, errors, problem
 

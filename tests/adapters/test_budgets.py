@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.counting import Clock, Work, preparing, timed
-from hhtbench.errors import BudgetSpent
-from hhtbench.protocol import NumpySystem
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.errors import BudgetSpent
+from hhtbench.protocol.system import NumpySystem
+from hhtbench.solution.counting import Clock, Work, preparing, timed
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers.hht.run import history
 
 SOLVERS = ["hht", "hht(engine=python)", "ida", "cvode", "scipy(method=Radau)", "diffrax", "projected", "collocation"]

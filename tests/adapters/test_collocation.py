@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, Problem
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers import collocation
 from solvers.collocation import Collocation, extrapolation, radau_nodes
 from tests.adapters.scenes import KINDS, errors, numpy_ring, problem

@@ -12,12 +12,12 @@ import pytest
 from click.testing import CliRunner
 
 import hhtbench as hb
+from hhtbench.catalogue.registry import load_solver
 from hhtbench.checks.problem import check
-from hhtbench.commands.solve import solve_command
-from hhtbench.errors import ProblemError
-from hhtbench.output import FAILED
-from hhtbench.registry import load_solver
-from hhtbench.result import Status
+from hhtbench.cli.output import FAILED
+from hhtbench.cli.solve import solve_command
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import Status
 
 SOLVERS = ("hht", "ida", "cvode", "scipy(method=Radau)", "projected", "collocation", "rattle")
 

@@ -6,8 +6,8 @@ import jax
 import numpy as np
 import pytest
 
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers import diffrax_ode, ida, scipy_ivp
 from tests.adapters.liar import lying
 from tests.adapters.scenes import HOST, Growing, numpy_ring, problem

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import ConstraintLevels, derive
-from hhtbench.result import Status
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import Status
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

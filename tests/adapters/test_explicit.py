@@ -11,11 +11,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hhtbench as hb
-from hhtbench.counting import Clock
 from hhtbench.lowering import ConstraintLevels, derive
-from hhtbench.protocol import System
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.system import System
+from hhtbench.solution.counting import Clock
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers._run import Halt, Run
 from solvers.explicit.march import march
 from solvers.explicit.steps import NOTHING, CompiledSteps

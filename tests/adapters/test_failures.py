@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.errors import ProblemError
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers import cvode, diffrax_ode, ida, scipy_ivp
 from solvers._diffrax_loop import SEGMENT
 from tests.adapters.scenes import HOST, Ring, numpy_ring, problem

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hhtbench.lowering import ConstraintLevels, derive
-from hhtbench.request import Request
+from hhtbench.solution.request import Request
 from solvers import diffrax_ode, ida, scipy_ivp
 from tests.adapters.scenes import ALL, HOST
 

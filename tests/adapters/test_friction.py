@@ -6,8 +6,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem
+from hhtbench.solution.result import Status
 
 GRAVITY, MU, SLIP, END = 9.81, 0.2, 0.1, 1.0
 

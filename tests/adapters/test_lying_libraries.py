@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers import cvode, ida, scipy_ivp
 from tests.adapters.liar import lying
 from tests.adapters.scenes import problem

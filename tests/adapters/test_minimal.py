@@ -8,8 +8,8 @@ import pytest
 
 from hhtbench import list_problems, load_problem, load_solver, solve
 from hhtbench.campaign.accuracy import compare
-from hhtbench.errors import ProblemError
-from hhtbench.request import Request
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.request import Request
 from tests.problems.cases import CHANGED
 
 KNOWN = (

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hhtbench.checks.times import unresolved
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
+from hhtbench.solution.times import unresolved
 from solvers import diffrax_ode
 from tests.adapters.scenes import HOST, errors, problem
 from tests.performance.time_origins import SOLVERS, rows

@@ -11,8 +11,8 @@ from threading import Event
 import numpy as np
 import pytest
 
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers import cvode, ida
 from tests.adapters.scenes import HOST, numpy_ring
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from hhtbench.advice.database import ACCURACIES, HELD, Database, Scene
 from hhtbench.advice.features import Features
-from hhtbench.analysis.fronts import MEASURES
+from hhtbench.campaign.analysis.fronts import MEASURES
 from hhtbench.campaign.machine import clock_of, machine_facts
 
 ENTRIES = ("ida(form=ggl)", "scipy(method=DOP853)", "scipy(method=Radau)", "swift", "steady")

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from hhtbench.advice.criteria import Criteria, accuracies_of
-from hhtbench.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError
 
 
 @pytest.mark.parametrize(

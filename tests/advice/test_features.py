@@ -9,7 +9,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.advice.features import probe
-from hhtbench.equations import POWERS
+from hhtbench.lowering.equations import POWERS
 
 
 def oscillator(k, c=0.0, t_end=2 * math.pi):

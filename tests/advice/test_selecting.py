@@ -17,7 +17,7 @@ from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, read_database, reduced, write_database
 from hhtbench.advice.features import Probe
 from hhtbench.advice.nearest import Space, expected
-from hhtbench.cli import main
+from hhtbench.cli.main import main
 from tests.advice.synthetic import database, features
 from tests.advice.test_trading import CHEAP, MIDDLE
 from tests.analysis.laws import law

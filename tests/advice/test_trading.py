@@ -13,8 +13,8 @@ import hhtbench as hb
 from hhtbench.advice import trading
 from hhtbench.advice.rounds import UNTRIED
 from hhtbench.advice.truth import Truth
-from hhtbench.cli import main
-from hhtbench.store import load_rows
+from hhtbench.campaign.store import load_rows
+from hhtbench.cli.main import main
 from tests.report.drawings import figures_of
 
 CHEAP, DEAR, MIDDLE = "priced(price=10)", "priced(price=1000)", "priced(price=15)"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from hhtbench.store.rows import RunRow
+from hhtbench.campaign.store.rows import RunRow
 
 EVALUATION = 1e-5  # seconds
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import by_problem, convergence, points
-from hhtbench.analysis.cells import typical
+from hhtbench.campaign.analysis import by_problem, convergence, points
+from hhtbench.campaign.analysis.cells import typical
 from tests.analysis.laws import failed, run
 
 

@@ -5,9 +5,9 @@ from itertools import combinations
 
 import pytest
 
-from hhtbench.analysis import decide, drift_costs, kinds
-from hhtbench.analysis.fronts import BOUNDS
-from hhtbench.analysis.kinds import Kind
+from hhtbench.campaign.analysis import decide, drift_costs, kinds
+from hhtbench.campaign.analysis.fronts import BOUNDS
+from hhtbench.campaign.analysis.kinds import Kind
 from tests.analysis.laws import failed, ladder, law, run
 from tests.report.synthetic import rows as campaign
 

@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import compare, fronts, points
-from hhtbench.analysis.fronts import level_of
+from hhtbench.campaign.analysis import compare, fronts, points
+from hhtbench.campaign.analysis.fronts import level_of
 from tests.analysis.laws import EVALUATION, failed, ladder, law, run
 
 SETTINGS = (2e-2, 2e-3, 2e-4, 2e-5, 2e-6)  # none is a target: every cost is interpolated

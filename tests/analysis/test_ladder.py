@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis.cells import Rules, points
-from hhtbench.analysis.ladder import FIRST, End, Next, next_setting
+from hhtbench.campaign.analysis.cells import Rules, points
+from hhtbench.campaign.analysis.ladder import FIRST, End, Next, next_setting
 from tests.analysis.laws import failed, run
 
 RULES = Rules(accuracies=(1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7), max_seconds=10.0, pair_seconds=30.0, refinements=16)

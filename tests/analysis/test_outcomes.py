@@ -3,8 +3,8 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 
-from hhtbench.analysis import drift_series, failures, newest, points, statuses
-from hhtbench.analysis.outcomes import machines
+from hhtbench.campaign.analysis import drift_series, failures, newest, points, statuses
+from hhtbench.campaign.analysis.outcomes import machines
 from tests.analysis.laws import failed, run
 from tests.report.synthetic import rows as campaign
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import profiles, reaches
-from hhtbench.analysis.profile import relative_profiles
+from hhtbench.campaign.analysis import profiles, reaches
+from hhtbench.campaign.analysis.profile import relative_profiles
 from tests.analysis.laws import EVALUATION, failed, law, run
 from tests.report.synthetic import rows as campaign
 

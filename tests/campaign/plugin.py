@@ -10,13 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hhtbench.campaign import Campaign, Cell, plan_pairs
-from hhtbench.errors import ProblemError
-from hhtbench.store import RunRow, load_rows
+from hhtbench.campaign.store import RunRow, load_rows
+from hhtbench.protocol.errors import ProblemError
 
 PROBLEM = """\
     '''A weight that falls: y = 1 - g t^2 / 2.'''
     import numpy as np
-    from hhtbench.protocol import Motion, NumpySystem, Problem
+    from hhtbench.protocol.system import Motion, NumpySystem, Problem
     from outside import shared
 
     DATA = "fall.json"
@@ -157,7 +157,7 @@ def first_cells(campaign: Campaign) -> list[Cell]:
 
 def started(folder: Path, *words: str) -> subprocess.Popen[str]:
     """The command ``hhtbench``, which finds the distribution in ``folder``."""
-    environment, main = {**os.environ, "PYTHONPATH": str(folder)}, "from hhtbench.cli import main; main()"
+    environment, main = {**os.environ, "PYTHONPATH": str(folder)}, "from hhtbench.cli.main import main; main()"
     command = [sys.executable, "-c", main, *words]
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 

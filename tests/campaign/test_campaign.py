@@ -16,7 +16,7 @@ from hhtbench.campaign import campaign as loop
 from hhtbench.campaign.campaign import AccuracyPass
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.plan import Cell
-from hhtbench.store import RunRow, Store
+from hhtbench.campaign.store import RunRow, Store
 
 MOST = 4
 

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.cli import main
-from hhtbench.store import load_rows
+from hhtbench.campaign.store import load_rows
+from hhtbench.cli.main import main
 
 distributed = pytest.importorskip("distributed", reason="needs the extra hhtbench[dask]")
 

@@ -10,9 +10,9 @@ from click.testing import CliRunner
 
 from hhtbench.campaign import Campaign, Grid
 from hhtbench.campaign.asked import split_specs
+from hhtbench.campaign.store import RunRow, Store, load_rows
 from hhtbench.campaign.summary import failure_lines, is_failure
-from hhtbench.cli import main
-from hhtbench.store import RunRow, Store, load_rows
+from hhtbench.cli.main import main
 from tests.campaign.plugin import first_cells
 
 

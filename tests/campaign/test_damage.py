@@ -18,9 +18,9 @@ from pathlib import Path
 
 import pytest
 
-from hhtbench.errors import ProblemError
-from hhtbench.store import RunRow, Store
-from hhtbench.store.sqlite import Entry
+from hhtbench.campaign.store import RunRow, Store
+from hhtbench.campaign.store.sqlite import Entry
+from hhtbench.protocol.errors import ProblemError
 from tests.campaign.test_store import KILLED, ROW, fill
 
 pytestmark = pytest.mark.long

@@ -16,16 +16,16 @@ from random import Random
 
 import pytest
 
-from hhtbench.store import RunRow, Store, load_rows
+from hhtbench.campaign.store import RunRow, Store, load_rows
 from tests.campaign.faulty_disk import after_power_loss, environment, preloaded, read_changes
 from tests.campaign.test_store import ROW, fill
 
 WRITES = """
 import os, sys
 from dataclasses import replace
-from hhtbench.errors import ProblemError
-from hhtbench.store import Store
-from hhtbench.store.sqlite import Entry
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.campaign.store import Store
+from hhtbench.campaign.store.sqlite import Entry
 from tests.campaign.test_store import ROW
 
 def row(name, seconds):
@@ -154,7 +154,7 @@ def test_a_read_only_folder_is_told_and_its_store_can_be_read(tmp_path: Path, li
     path.with_name("runs.db.lock").unlink()
     done = write_rows(path, library, after=0, errno=errno.EROFS)
     assert done.returncode != 0 and "Read-only file system" in done.stdout + done.stderr
-    reads = f"import sys; from hhtbench.store import load_rows; print(len(load_rows({str(path)!r})))"
+    reads = f"import sys; from hhtbench.campaign.store import load_rows; print(len(load_rows({str(path)!r})))"
     surroundings = environment(library, files=path, after=0, errno=errno.EROFS)
     read = subprocess.run([sys.executable, "-c", reads], env=surroundings, capture_output=True, text=True, check=True)
     assert read.stdout == "2\n"

@@ -16,11 +16,11 @@ from typing import Any
 
 import pytest
 
-from hhtbench import processes
 from hhtbench.campaign import Campaign, Grid, Limits, execute, machine, process, run_campaign
 from hhtbench.campaign import campaign as loop
-from hhtbench.errors import ProblemError
-from hhtbench.store import Store, load_rows
+from hhtbench.campaign.store import Store, load_rows
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.runtime import processes
 from tests.campaign.plugin import alive, first_cells, rows_so_far, started, wait_for
 
 TOLERANCES = (1e-3, 1e-6)  # the solver of the test misbehaves at the second
@@ -138,7 +138,7 @@ def test_changed_sources_run_again_and_replace_the_old_row(outside: Path, tmp_pa
 def test_a_worker_that_cannot_start_ends_the_campaign(
     outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("hhtbench.processes.START", "raise SystemExit('no such thing')")
+    monkeypatch.setattr("hhtbench.runtime.processes.START", "raise SystemExit('no such thing')")
     with Store(tmp_path / "runs.db") as store, pytest.raises(ProblemError, match=r"cannot start.*no such thing"):
         run_campaign(campaign("good"), store, limits=limits, timing=False)
 
@@ -218,7 +218,7 @@ def test_cells_that_ended_with_a_status_run_again_where_that_is_asked(outside: P
 def test_a_worker_that_dies_while_it_starts_is_started_again(outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     mark = tmp_path / "mark"
     dies = f"import os\nif not os.path.exists({str(mark)!r}):\n open({str(mark)!r}, 'w'); os.kill(os.getpid(), 9)\n"
-    monkeypatch.setattr("hhtbench.processes.START", dies + processes.START)
+    monkeypatch.setattr("hhtbench.runtime.processes.START", dies + processes.START)
     assert ends(tmp_path, "told") == {"told": ("success", "there")}
 
 
@@ -227,7 +227,7 @@ def test_workers_that_cannot_start_any_more_end_the_campaign_while_a_cell_waits_
 ):
     mark = tmp_path / "mark"
     dies = f"import os\nif os.path.exists({str(mark)!r}): raise SystemExit('no more')\n"
-    monkeypatch.setattr("hhtbench.processes.START", dies + processes.START)
+    monkeypatch.setattr("hhtbench.runtime.processes.START", dies + processes.START)
     with pytest.raises(ProblemError, match=r"cannot start.*no more"):
         ends(tmp_path, f"told(does='killed once', mark='{mark}')", "told")
 

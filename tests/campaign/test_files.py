@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hhtbench.campaign import named_campaign, read_campaign
-from hhtbench.errors import NotFoundError, ProblemError
+from hhtbench.protocol.errors import NotFoundError, ProblemError
 
 GOOD = """\
 # mine

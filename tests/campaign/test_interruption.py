@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from hhtbench.interruption import Interrupted, ends_in_order
+from hhtbench.runtime.interruption import Interrupted, ends_in_order
 from tests.campaign.plugin import alive, started, wait_for
 
 SWALLOWS = """
@@ -80,7 +80,7 @@ def slow(outside: Path, kind: str) -> Path:
 def test_the_second_signal_ends_a_process_whose_clearing_up_takes_too_long():
     code = (
         "import os, signal, time\n"
-        "from hhtbench.interruption import ends_in_order\n"
+        "from hhtbench.runtime.interruption import ends_in_order\n"
         "with ends_in_order('so it goes on'):\n"
         "    try:\n"
         "        os.kill(os.getpid(), signal.SIGINT)\n"

@@ -14,8 +14,8 @@ from hhtbench import Motion, NumpySystem, Problem, Request, Scales, Solution, St
 from hhtbench.campaign import accuracy
 from hhtbench.campaign.metrics import MOST_POINTS, measure, spans
 from hhtbench.checks.drift import measure as drift
-from hhtbench.evidence import plain
-from hhtbench.result import DenseOutput, Ends
+from hhtbench.protocol.evidence import plain
+from hhtbench.solution.result import DenseOutput, Ends
 from tests.adapters import scenes
 
 

@@ -10,8 +10,8 @@ import pytest
 
 from hhtbench import list_problems, list_solvers, load_problem
 from hhtbench.campaign import Campaign, Grid, named_campaign, plan_pairs, restrict, sources
-from hhtbench.errors import NotFoundError, ProblemError
-from hhtbench.specs import canonical, parse_spec
+from hhtbench.catalogue.specs import canonical, parse_spec
+from hhtbench.protocol.errors import NotFoundError, ProblemError
 from tests.campaign.plugin import first_cells
 
 GRID = Grid(problems=("fall",), solvers=("told", "told(does='nan')"), rtol=(1e-3, 1e-6))
@@ -60,11 +60,11 @@ def test_numerics_of_the_bench_are_behind_every_cell_and_its_surface_is_not(outs
         "hhtbench.lowering.dynamics.kkt",
         "hhtbench.checks.drift.measure",
         "hhtbench.campaign.run",
-        "hhtbench.request",
+        "hhtbench.solution.request",
         "outside.shared",
     }
     assert inner <= set(behind)
-    surface = ("hhtbench.cli", "hhtbench.report", "hhtbench.checks.problem", "outside.o")
+    surface = ("hhtbench.cli.main", "hhtbench.report", "hhtbench.checks.problem", "outside.o")
     assert not [name for name in behind if name.startswith(surface)]
 
 

@@ -10,12 +10,12 @@ import pytest
 from click.testing import CliRunner
 
 from hhtbench.campaign import Campaign, Grid, references
+from hhtbench.campaign.reference import auto
 from hhtbench.campaign.references import auto_references
 from hhtbench.campaign.sources import SourceReader
-from hhtbench.cli import main
-from hhtbench.reference import auto
-from hhtbench.specs import parse_spec
-from hhtbench.store import load_rows
+from hhtbench.campaign.store import load_rows
+from hhtbench.catalogue.specs import parse_spec
+from hhtbench.cli.main import main
 
 MINE = """\
 import jax.numpy as jnp
@@ -93,7 +93,7 @@ def test_problems_with_a_truth_of_their_own_are_left_alone(mine: Path):
 
 
 def test_families_that_disagree_certify_nothing_and_it_is_said(mine: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(sys.modules["hhtbench.reference.certify"], "WORST_BAR", 1e-30)
+    monkeypatch.setattr(sys.modules["hhtbench.campaign.reference.certify"], "WORST_BAR", 1e-30)
     monkeypatch.setattr(auto, "methods_for", lambda problem: [(auto.GGL, (auto.EXPLICIT,))])
     said = auto.certify_one("mine.py:swing", mine / "swing.json")
     assert said.startswith("not certified: collocation(form=ggl) and projected(method=DOP853) do not agree")

@@ -11,10 +11,10 @@ import pytest
 from hhtbench import Counters, Ends, Motion, NumpySystem, Problem, Solution, Status, load_problem, load_solver
 from hhtbench.campaign import run as module
 from hhtbench.campaign.run import MEASURING, WARM_UP, attempt, call_of, request_of, run_cell
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import operations
-from hhtbench.request import make_request
-from hhtbench.result import DenseOutput
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.request import make_request
+from hhtbench.solution.result import DenseOutput
 from solvers import ida
 from tests.adapters import scenes
 from tests.adapters.liar import lying

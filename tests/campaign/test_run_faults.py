@@ -19,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from hhtbench.store import RunRow, load_rows
+from hhtbench.campaign.store import RunRow, load_rows
 from tests.campaign.faulty_disk import environment, preloaded
 from tests.campaign.plugin import FILES, GROUPS, alive, rows_so_far, wait_for
 from tests.platform.plugins_fixture import make_distribution
@@ -52,7 +52,7 @@ class Campaign:
 
     def start(self, **variables: str) -> subprocess.Popen[str]:
         """The runner, in a group of its own."""
-        command = [sys.executable, "-c", "from hhtbench.cli import main; main()", *self.options]
+        command = [sys.executable, "-c", "from hhtbench.cli.main import main; main()", *self.options]
         surroundings = {**os.environ, "PYTHONPATH": str(self.folder), **variables}
         pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
         return subprocess.Popen(command, env=surroundings, text=True, start_new_session=True, **pipes)  # type: ignore[call-overload,no-any-return]

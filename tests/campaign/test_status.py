@@ -11,8 +11,8 @@ import pytest
 from click.testing import CliRunner
 
 from hhtbench.campaign import Campaign, Grid, machine
-from hhtbench.cli import main
-from hhtbench.store import RunRow, Store, load_rows
+from hhtbench.campaign.store import RunRow, Store, load_rows
+from hhtbench.cli.main import main
 from tests.campaign.plugin import first_cells
 
 HERE = machine.machine_facts()

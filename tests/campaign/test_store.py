@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
-from hhtbench.errors import ProblemError
-from hhtbench.store import RunRow, Store, load_rows, reading
-from hhtbench.store.sqlite import Entry
+from hhtbench.campaign.store import RunRow, Store, load_rows, reading
+from hhtbench.campaign.store.sqlite import Entry
+from hhtbench.protocol.errors import ProblemError
 
 ROW = RunRow(
     key="k0",
@@ -303,8 +303,8 @@ def test_a_file_that_is_no_store_is_refused_and_left_as_it_is(tmp_path: Path):
 
 
 OPENS = """
-from hhtbench.errors import ProblemError
-from hhtbench.store import Store
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.campaign.store import Store
 try:
     Store(sys.argv[1])
 except ProblemError as error:

@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 import scipy.linalg  # noqa: F401 - the BLAS libraries that are loaded are counted below
 
-from hhtbench import processes
 from hhtbench.campaign.process import WorkerProcess
-from hhtbench.processes import THREADS, Worker, one_blas_thread, openblas, worker_processes
+from hhtbench.runtime import processes
+from hhtbench.runtime.processes import THREADS, Worker, one_blas_thread, openblas, worker_processes
 from tests.campaign.plugin import wait_for
 
 TELLING = """
 from pathlib import Path
 import scipy.linalg  # with a BLAS of its own, as NumPy has
-from hhtbench.processes import openblas
+from hhtbench.runtime.processes import openblas
 from outside.fall import problem
 
 THREADS = [get() for get in openblas("get")]
@@ -25,8 +25,8 @@ Path(__file__).with_name("told").write_text(str(THREADS))
 """
 POOL = """
 import os, numpy, scipy.linalg
-from hhtbench.filespec import load_attribute
-from hhtbench.processes import THREADS, worker_processes
+from hhtbench.catalogue.filespec import load_attribute
+from hhtbench.runtime.processes import THREADS, worker_processes
 
 with worker_processes(1) as pool:
     print(pool.submit(load_attribute, {!r}, "THREADS").result(), *set(THREADS) & set(os.environ))
@@ -46,7 +46,7 @@ def telling(tmp_path: Path, outside: Path, monkeypatch: pytest.MonkeyPatch) -> P
 
 
 def test_a_command_has_one(telling):
-    command = [sys.executable, "-c", "from hhtbench.cli import main; main()", "describe", f"{telling}:problem"]
+    command = [sys.executable, "-c", "from hhtbench.cli.main import main; main()", "describe", f"{telling}:problem"]
     subprocess.run(command, check=True, capture_output=True)
     assert telling.with_name("told").read_text() == str(ONE)
 

@@ -28,7 +28,7 @@ RUN = f"print([row.status for row in hb.run({{}}, {ASKED}).rows])\n"
 TRADE = "found = hb.trade({}, accuracies=[1e-2], solvers='scipy(method=DOP853)', on='evaluations', jobs=1)\nprint(found)\n"
 CERTIFIED = """\
 from pathlib import Path
-from hhtbench.reference import certified
+from hhtbench.campaign.reference import certified
 print(certified({"knife_edge": "0"}, Path("references"), 1, print))
 """
 
@@ -63,7 +63,7 @@ def test_a_trade_that_would_start_itself_is_refused_before_anything_runs(here):
     found = said_by("me.py")
     assert found.returncode == 1 and found.stdout == "executed\nexecuted\n"
     assert found.stderr.splitlines()[-1].startswith(
-        "hhtbench.errors.ProblemError: me.py, line 11, raised ProblemError: hb.run"
+        "hhtbench.protocol.errors.ProblemError: me.py, line 11, raised ProblemError: hb.run"
     )
 
 

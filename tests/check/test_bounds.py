@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol import NumpySystem, Problem, System, parameter
+from hhtbench.protocol.system import NumpySystem, Problem, System, parameter
 from tests.check.scenes import failed, row
 
 

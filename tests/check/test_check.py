@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol import NumpySystem, Problem, Scales, System
+from hhtbench.protocol.system import NumpySystem, Problem, Scales, System
 from tests.check.scenes import (
     Q0,
     V0,

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol import Problem, System
+from hhtbench.protocol.system import Problem, System
 from tests.check.scenes import V0, Bead, bead, bead_problem, failed, jax_bead, problem, row, skate, skate_problem
 
 FAULTS = {

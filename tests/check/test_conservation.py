@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol import Motion, NumpySystem, Problem, System, parameter
+from hhtbench.protocol.system import Motion, NumpySystem, Problem, System, parameter
 
 
 class Slide(System):

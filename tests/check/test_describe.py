@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from hhtbench.description import describe
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem
+from hhtbench.lowering.description import describe
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, Problem
 from tests.check.scenes import Bead, bead_problem, fall, jax_bead, problem
 from tests.lowering.systems import Massless, MasslessWheel, Pendulum, Rich
 

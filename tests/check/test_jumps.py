@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.jumps import find_jumps
+from hhtbench.checks.jumps import find_jumps
 
 TIMES, PLACES = np.array([0.0, 1.0, 2.5, 4.0, 6.0]), np.array([0.0, 0.0, 3.0, 2.0, 2.0])
 STARTS = {"t_span": (0.0, 6.0), "q0": [0.0, 0.0, -2.0], "v0": [0.0, 0.0, 0.0]}

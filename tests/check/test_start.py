@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol import NumpySystem, Problem, Scales, System, parameter
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem, Problem, Scales, System, parameter
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers import hht, ida
 from solvers.hht import HHT
 from tests.check.scenes import problem, row, skate

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.cli import main
+from hhtbench.cli.main import main
 from hhtbench.conformance.parts import measure, study
 from hhtbench.conformance.parts.measure import Cost, counted, height, left_by, memory_of, operations_of, own, python_of, run
 from hhtbench.conformance.parts.scenes import FREE, Scene
 from hhtbench.conformance.parts.study import PARTS, REDUCTIONS, SPHERE, SPRING, Gain, PartCost, Study, difference, line_of
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import REDUCTIONS as SWITCHES
+from hhtbench.protocol.errors import ProblemError
 from solvers.kernel import memory as mem
 
 NAMED = {x.name: x for x in PARTS}

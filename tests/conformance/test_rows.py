@@ -14,8 +14,8 @@ from hhtbench.conformance.entry import tested as held_by_tests
 from hhtbench.conformance.registry import ROWS
 from hhtbench.conformance.rows.judging import judged, row, within
 from hhtbench.conformance.subject import Declined, Subject
-from hhtbench.errors import NotFoundError
-from hhtbench.result import Counters, Status
+from hhtbench.protocol.errors import NotFoundError
+from hhtbench.solution.result import Counters, Status
 from solvers._ending import empty_solution
 from solvers._start import Failure
 

@@ -6,7 +6,6 @@ import json
 
 import pytest
 
-from hhtbench import processes
 from hhtbench.conformance.entry import Kind, Outcome
 from hhtbench.conformance.registry import FAMILIES, chosen
 from hhtbench.conformance.stability import workers
@@ -14,6 +13,7 @@ from hhtbench.conformance.stability.page import allowed, counts, write_stability
 from hhtbench.conformance.stability.study import Stability, letters, study_stability
 from hhtbench.conformance.stability.workers import Batch, cells_of, outcome_in
 from hhtbench.report import STABILITY
+from hhtbench.runtime import processes
 from tests.conformance.synthetic import SYNTHETIC
 
 

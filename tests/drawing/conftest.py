@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hhtbench.protocol import Motion, Problem, System
+from hhtbench.protocol.system import Motion, Problem, System
 
 
 class Rotor(System):

@@ -6,9 +6,9 @@ import pytest
 from PIL import Image
 
 import problems
+from hhtbench.catalogue.registry import list_problems
 from hhtbench.drawing import table
-from hhtbench.errors import ProblemError
-from hhtbench.registry import list_problems
+from hhtbench.protocol.errors import ProblemError
 
 README = Path(problems.__file__).with_name("README.md")
 THUMBNAILS = README.with_name("thumbnails")

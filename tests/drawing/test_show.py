@@ -7,11 +7,11 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from hhtbench import cli
+from hhtbench.cli import main as cli
 from hhtbench.drawing import draw, files
 from hhtbench.drawing.motion import Course, find_course
 from hhtbench.drawing.scene import make_scene
-from hhtbench.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError
 
 
 @pytest.fixture

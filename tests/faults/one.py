@@ -15,7 +15,7 @@ import pytest
 import hhtbench
 from hhtbench.conformance import Check, check_problem, check_solver
 from hhtbench.conformance.scenes import SCENES
-from hhtbench.processes import one_blas_thread
+from hhtbench.runtime.processes import one_blas_thread
 from tests.conformance.claims import claims_of
 from tests.faults.loops import STALE, follow_the_sources
 

@@ -11,7 +11,7 @@ from hhtbench.lowering import (
     derive,
     reduce_redundant,
 )
-from hhtbench.protocol import NumpySystem, System, parameter
+from hhtbench.protocol.system import NumpySystem, System, parameter
 from solvers.forms import FORMS, make_form, refusal
 from solvers.forms.layout import Layout, jacobian_function, residual_function
 from solvers.forms.underlying import rhs_function, rhs_jacobian_function

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import derive
-from hhtbench.protocol import NumpySystem
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem
 from solvers.forms import FORMS, MASKED, make_form, refusal, underlying
 from tests.forms.scenes import LINEAR_NUMPY, Linear
 from tests.lowering.systems import (

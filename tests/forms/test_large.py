@@ -13,8 +13,8 @@ import hhtbench
 from hhtbench.lowering import NotNative, compile_function, derive
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.dynamics import products
-from hhtbench.protocol import Problem, System
-from hhtbench.result import Status
+from hhtbench.protocol.system import Problem, System
+from hhtbench.solution.result import Status
 from solvers import _xla_call
 from solvers.forms import eliminated, form, make_form
 from solvers.forms.layout import Layout, jacobian_function, residual_function

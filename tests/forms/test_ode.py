@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 import hhtbench
 from hhtbench.lowering import AccelerationLevel, derive
-from hhtbench.protocol import NumpySystem
+from hhtbench.protocol.system import NumpySystem
 from solvers.forms import make_form, rhs_function
 from solvers.forms.layout import Layout, jacobian_function, residual_function
 from tests.forms.scenes import C, Linear

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol import Problem, System
-from hhtbench.result import Status
+from hhtbench.protocol.system import Problem, System
+from hhtbench.solution.result import Status
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 

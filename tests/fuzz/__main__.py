@@ -17,7 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 import click
 from tabulate import tabulate
 
-from hhtbench.processes import one_blas_thread
+from hhtbench.runtime.processes import one_blas_thread
 from tests.fuzz.explore import Explored, explore, fault_of, read
 
 SHARE = 400  # cases of one process

@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hhtbench.protocol import NumpySystem
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem
+from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.scenes import ANGLE, GRAVITY, Q0, SPEED, SYSTEMS, V0
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from hhtbench.protocol import reaction_takes_velocity
+from hhtbench.protocol.system import reaction_takes_velocity
 from tests.lowering.xla import quickly
 
 LEFT_BY_CONTROL = 0.02  # of what is allowed of a step: (H35) asks for 0.01 by an estimate, which the library exceeds by 1.6

@@ -10,7 +10,7 @@ from hhtbench.lowering import flattening
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
 from hhtbench.lowering.scalar_compiler import compiler
-from hhtbench.protocol import NumpySystem, System, parameter
+from hhtbench.protocol.system import NumpySystem, System, parameter
 from solvers.hht.run import functions, idle
 
 GRAVITY = 9.81

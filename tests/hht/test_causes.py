@@ -10,8 +10,8 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.conformance.scenes.linkages import DoublePendulum
-from hhtbench.counting import Work
-from hhtbench.result import Status
+from hhtbench.solution.counting import Work
+from hhtbench.solution.result import Status
 from solvers._start import Place
 from solvers.hht.options import make_options
 from solvers.hht.run.causes import alternating_vibration, fastest, unresolved_forces

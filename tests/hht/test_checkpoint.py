@@ -14,8 +14,8 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
-from hhtbench.protocol import NumpySystem, System, parameter
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem, System, parameter
+from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
 from solvers.hht.run.checkpoint import MAGIC, VERSION
 from tests.hht.event_scenes import ACCURACY, FREE, begun, height, wall

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem
+from hhtbench.protocol.system import NumpySystem
 from solvers.hht import HHT
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.control.tolerances import make_tolerances

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem, System, parameter
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem, System, parameter
+from hhtbench.solution.result import Status
 from problems import andrews, jay_negrut_pendulum
 from solvers.hht import HHT
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum_at

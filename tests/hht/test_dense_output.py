@@ -5,7 +5,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from hhtbench.result import Status
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from solvers.hht.run import history, solve
 from tests.hht.event_scenes import wall

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.result import Status
+from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import FREE, clock, drift, height
 from tests.hht.scenes import Q0, SYSTEMS, V0, pendulum

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem
+from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import AT_REST, FREE, GRAVITY, HOW, height
 

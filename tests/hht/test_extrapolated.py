@@ -5,9 +5,9 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum_angles
-from hhtbench.errors import ProblemError
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from solvers.hht.equations.coefficients import Coefficients
 from solvers.hht.verify.measure import Case, refine, scaled_drift

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem
-from hhtbench.result import Status
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 
 MU, SPEED, END = 0.3, 2.0, 2.0

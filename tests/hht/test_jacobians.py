@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from hhtbench.protocol import NumpySystem
+from hhtbench.protocol.system import NumpySystem
 from solvers.hht import HHT
 from tests.hht.scenes import (
     DAMPING,

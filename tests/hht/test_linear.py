@@ -8,7 +8,7 @@ import pytest
 from hhtbench import load_problem
 from hhtbench.lowering.compile.coloured import Pattern
 from hhtbench.lowering.dynamics.callbacks import Callbacks
-from hhtbench.result import Status
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from solvers.kernel.linear.analysis import of_pattern
 from solvers.kernel.linear.matrix import factor, moved_by, respond, solve, solve_often

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.system import NumpySystem, System
 from solvers.hht import HHT, Event
 from solvers.hht.run import idle
 from solvers.hht.run.functions import Functions

@@ -9,8 +9,8 @@ import pytest
 
 import hhtbench as hb
 from hhtbench import load_solver
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem
 from solvers.hht import HHT, HHTOptions
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem, Problem, System
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem, Problem, System
+from hhtbench.solution.result import Status
 from problems.planar_chain import PlanarChain
 from solvers.hht import HHT, Event
 from solvers.hht.verify.measure import violations

@@ -8,7 +8,7 @@ import scipy.sparse as sp
 
 import hhtbench as hb
 from hhtbench.lowering.caching import Cache
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.system import NumpySystem, System
 from problems.planar_chain import PlanarChain, problem, rod_ends
 from solvers.hht import HHT
 from solvers.hht.run import functions

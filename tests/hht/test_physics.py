@@ -8,8 +8,8 @@ from hhtbench.lowering import AccelerationLevel, ConstraintLevels
 from hhtbench.lowering.dynamics import kkt, levels
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.protocol import NumpySystem, System, parameter
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem, System, parameter
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import GRAVITY, PENDULUM, Q0, V0, Calls, circle
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.errors import BudgetSpent
 from hhtbench.lowering.caching import Cache
-from hhtbench.result import Status
+from hhtbench.protocol.errors import BudgetSpent
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from solvers.hht.run import functions
 from solvers.kernel import kkt

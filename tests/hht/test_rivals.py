@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.errors import ProblemError
-from hhtbench.request import Request
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.request import Request
 from solvers.hht import HHT, Event
 from solvers.hht.equations.generalised_alpha import GeneralisedAlpha
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator

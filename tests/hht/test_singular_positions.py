@@ -8,7 +8,7 @@ from scipy.optimize import brentq
 
 import hhtbench as hb
 from hhtbench.conformance.scenes import circles as scenes
-from hhtbench.result import Status
+from hhtbench.solution.result import Status
 from solvers._start import Failure
 from solvers.hht.run.stepper import Accepted, Stepper
 from tests.performance import singular

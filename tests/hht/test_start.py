@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.protocol import NumpySystem, System
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem, System
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import Q0, SYSTEMS, V0, Pendulum
 

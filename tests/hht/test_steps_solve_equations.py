@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.registry import list_problems, load_problem
+from hhtbench.catalogue.registry import list_problems, load_problem
 from solvers.hht import HHT
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
 from tests.hht.oracle import (

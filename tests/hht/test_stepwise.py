@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.result import Status
+from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import ACCURACY, FREE, begun, clock, height, wall
 from tests.hht.scenes import (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.result import Status
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import JAX_PENDULUM, Q0, SYSTEMS, V0, pendulum_at, tension_at
 

@@ -1,6 +1,6 @@
 """``hhtbench verify control``: its judgement, from runs made by hand."""
 
-from hhtbench.result import Status
+from hhtbench.solution.result import Status
 from solvers.hht.verify import control
 from solvers.hht.verify.control import TOLERANCES
 from solvers.hht.verify.measure import Run

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.protocol import NumpySystem, System, parameter
+from hhtbench.protocol.system import NumpySystem, System, parameter
 
 
 def rich_mass(xp, t, q):

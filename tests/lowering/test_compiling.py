@@ -7,7 +7,7 @@ import pytest
 from jax import Array
 
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, compile_function, derive
-from hhtbench.protocol import System, parameter
+from hhtbench.protocol.system import System, parameter
 
 Q, V = np.array([1.0, 2.0]), np.array([0.5, -0.5])
 TRACED = []  # names of methods, once per trace

@@ -7,7 +7,7 @@ import pytest
 from hhtbench.lowering import AccelerationLevel, Dynamics, augment, derive, mass_is_singular, reduce_redundant
 from hhtbench.lowering.dynamics.dynamics import arguments_of
 from hhtbench.lowering.dynamics.products import matrix_free
-from hhtbench.protocol import SIGNATURES, WITH_VELOCITY, NumpySystem
+from hhtbench.protocol.system import SIGNATURES, WITH_VELOCITY, NumpySystem
 from tests.lowering.systems import MASSLESS_NUMPY, Massless, Pendulum
 
 Q3, V3 = np.array([0.6, 0.8, 0.48]), np.array([0.8, -0.6, 0.28])

@@ -12,8 +12,8 @@ from hhtbench.lowering import derive, native
 from hhtbench.lowering.dynamics.dynamics import as_declared
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS, foreign, functions_of
 from hhtbench.lowering.scalar_compiler import native_call
-from hhtbench.protocol import NumpySystem
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem
+from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from tests.hht.scenes import Q0, V0, pendulum
 from tests.lowering.native import native_pieces

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import (
     AccelerationLevel,
     ConstraintLevels,
@@ -17,7 +16,8 @@ from hhtbench.lowering import (
     mass_is_singular,
     minimum_norm,
 )
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, System
 from tests.lowering.systems import (
     MASSLESS_NUMPY,
     PENDULUM_NUMPY,

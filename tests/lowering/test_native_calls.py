@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from jax import Array, lax
 
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import compile_function, derive, routes
 from hhtbench.lowering.compile.compiled import Compiled
-from hhtbench.protocol import NumpySystem, System, parameter
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, System, parameter
 
 Q, V = np.array([1.0, 2.0]), np.array([0.5, -0.5])
 pytestmark = pytest.mark.usefixtures("empty_cache")

@@ -6,7 +6,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.lowering import operations
-from hhtbench.protocol import NumpySystem, System, parameter
+from hhtbench.protocol.system import NumpySystem, System, parameter
 from tests.lowering.systems import PENDULUM_NUMPY
 
 

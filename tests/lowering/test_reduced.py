@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from hhtbench import counting
 from hhtbench.api import solve
 from hhtbench.lowering import derive, minimum_norm, padded, reduce_redundant, redundant_rows, unreduced
-from hhtbench.protocol import NumpySystem, Problem, System
-from hhtbench.result import Status
+from hhtbench.protocol.system import NumpySystem, Problem, System
+from hhtbench.solution import counting
+from hhtbench.solution.result import Status
 from solvers import _ending
 from solvers.hht import HHT, Event
 

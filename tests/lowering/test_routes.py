@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from hhtbench.lowering import compile_function, derive
 from hhtbench.lowering.dynamics.differences import derivative
 from hhtbench.lowering.dynamics.dynamics import arguments_of
-from hhtbench.protocol import NumpySystem
+from hhtbench.protocol.system import NumpySystem
 from tests.lowering.systems import (
     MASSLESS_NUMPY,
     PENDULUM_NUMPY,

@@ -9,13 +9,13 @@ import pytest
 from jax import Array
 
 from hhtbench import System, parameter
-from hhtbench.counting import Work
-from hhtbench.description import describe
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
 from hhtbench.lowering.compile.coloured import Coloured
+from hhtbench.lowering.description import describe
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact, entries_at, full
 from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.lowering.scalar_compiler import native, native_call
+from hhtbench.solution.counting import Work
 from problems import planar_chain
 from solvers._initcond import check_start, project
 from solvers._start import Place

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering import REDUCTIONS, derive
 from hhtbench.lowering.dynamics.derive_jax import used_arguments
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.errors import NonFiniteValue, ProblemError
+from hhtbench.protocol.system import NumpySystem, System
 from tests.lowering.systems import RICH_NUMPY, MasslessWheel, Pendulum, Rich, Springs
 
 

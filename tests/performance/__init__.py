@@ -1,4 +1,4 @@
-"""Benchmarks.  BLAS has one thread in them, for the reason that hhtbench/processes.py gives."""
+"""Benchmarks.  BLAS has one thread in them, for the reason that hhtbench/runtime/processes.py gives."""
 
 import os
 

@@ -19,8 +19,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.protocol import NumpySystem
-from hhtbench.request import make_request
+from hhtbench.protocol.system import NumpySystem
+from hhtbench.solution.request import make_request
 
 SOLVERS = (
     "hht",

@@ -25,7 +25,7 @@ import numpy as np
 from hhtbench.campaign import Campaign, Grid, run_campaign
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.process import WorkerProcess
-from hhtbench.store import Store
+from hhtbench.campaign.store import Store
 
 LIMIT_CELL = 5.0  # ms
 LIMIT_SHARE = 0.05

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 import hhtbench  # noqa: F401 - 64 bit before anything else
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 from problems import planar_chain
 from solvers.hht import HHT
 from tests.performance.engine.clock import BROKEN, compare, unmeasured

@@ -22,9 +22,9 @@ import numpy as np
 from tabulate import tabulate
 
 import hhtbench as hb
-from hhtbench.counting import timed
-from hhtbench.protocol import Problem
-from hhtbench.request import Request
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.counting import timed
+from hhtbench.solution.request import Request
 from problems import planar_chain
 from solvers._run import Run
 from solvers.forms import FORMS, rhs_function

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from hhtbench import load_problem
-from hhtbench.protocol import NumpySystem
+from hhtbench.protocol.system import NumpySystem
 from solvers.hht import HHT
 
 ROOT = Path(__file__).parents[2]

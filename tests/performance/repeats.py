@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from hhtbench.analysis import points
-from hhtbench.analysis.cells import Point, by_entry
-from hhtbench.analysis.fronts import cost_at, level_of, targets_of
-from hhtbench.store import load_rows
+from hhtbench.campaign.analysis import points
+from hhtbench.campaign.analysis.cells import Point, by_entry
+from hhtbench.campaign.analysis.fronts import cost_at, level_of, targets_of
+from hhtbench.campaign.store import load_rows
 
 ENOUGH = 0.99  # of the comparisons of a solver with itself that must find no difference
 

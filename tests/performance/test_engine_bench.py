@@ -12,8 +12,8 @@ import plotly.graph_objects as go
 import pytest
 
 from hhtbench import load_problem, load_solver
-from hhtbench.analysis import points
-from hhtbench.request import Request
+from hhtbench.campaign.analysis import points
+from hhtbench.solution.request import Request
 from tests.analysis.laws import failed, law
 from tests.performance.engine import baselines, clock, contest, long_run, starts
 from tests.performance.engine.page import contest_table, page, printed, summary, time_figure

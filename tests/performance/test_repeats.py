@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 
-from hhtbench.analysis import points
+from hhtbench.campaign.analysis import points
 from tests.analysis.laws import law
 from tests.performance.repeats import against_themselves
 

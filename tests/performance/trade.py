@@ -15,14 +15,13 @@ import click
 from tabulate import tabulate
 
 import hhtbench as hb
-from hhtbench import analysis
 from hhtbench.advice.candidates import CANDIDATES, campaign_for
 from hhtbench.advice.trading import ACCURACIES
-from hhtbench.analysis.fronts import MEASURES
-from hhtbench.campaign import run_campaign
+from hhtbench.campaign import analysis, run_campaign
+from hhtbench.campaign.analysis.fronts import MEASURES
 from hhtbench.campaign.execute import machine_limits
 from hhtbench.campaign.references import auto_references
-from hhtbench.store import RunRow, Store
+from hhtbench.campaign.store import RunRow, Store
 
 SCENES = Path(__file__).parent.parent / "advice" / "mechanisms.py"
 NAMES = ("press", "lorry")

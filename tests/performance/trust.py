@@ -19,10 +19,10 @@ import numpy as np
 
 from hhtbench import Problem, Request, Solution, Status
 from hhtbench.campaign.accuracy import compare
+from hhtbench.campaign.reference.plan import registered_plans, validated_spec
+from hhtbench.catalogue.registry import list_problems, load_problem, load_solver
 from hhtbench.checks.result.judge import Judgement, judge
-from hhtbench.reference.plan import registered_plans, validated_spec
-from hhtbench.registry import list_problems, load_problem, load_solver
-from hhtbench.result import Ends, ends_of
+from hhtbench.solution.result import Ends, ends_of
 from tests.trust.faulty import MOTIONS, Faulty
 
 CONTROLLED = (

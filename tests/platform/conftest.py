@@ -10,7 +10,7 @@ import pytest
 from tests.platform.plugins_fixture import PROBLEM, SOLVER, forget, make_distribution
 
 PASSING = """\
-    from hhtbench.evidence import Evidence, Row
+    from hhtbench.protocol.evidence import Evidence, Row
 
     def verify(progress=None, jobs=1):
         if progress is not None:

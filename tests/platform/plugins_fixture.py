@@ -12,7 +12,7 @@ PROBLEM = """\
 
     More text.
     '''
-    from hhtbench.protocol import Problem, System
+    from hhtbench.protocol.system import Problem, System
 
     class Fall(System):
         def force(self, t, q, v):
@@ -31,7 +31,7 @@ PROBLEM = """\
 
 SOLVER = """\
     import numpy as np
-    from hhtbench.result import Solution, Status
+    from hhtbench.solution.result import Solution, Status
 
     class Still:
         name = "still"

@@ -14,9 +14,9 @@ import pytest
 from click.testing import CliRunner
 
 import hhtbench as hb
-from hhtbench.accuracy import MOST_RUNS
-from hhtbench.cli import main
-from hhtbench.result import Status
+from hhtbench.checks.accuracy import MOST_RUNS
+from hhtbench.cli.main import main
+from hhtbench.solution.result import Status
 
 SOLVERS = ["hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected", "generalised_alpha", "rattle"]
 

@@ -9,13 +9,13 @@ import pytest
 from click.testing import CliRunner
 
 from hhtbench.advice import trading
-from hhtbench.analysis.fronts import MEASURES
-from hhtbench.cli import main
-from hhtbench.description import Description, Statement
-from hhtbench.errors import ProblemError
-from hhtbench.evidence import Evidence, Row
-from hhtbench.result import Solution, Status
-from hhtbench.validation import plan as validation
+from hhtbench.campaign.analysis.fronts import MEASURES
+from hhtbench.cli.main import main
+from hhtbench.conformance.validation import plan as validation
+from hhtbench.lowering.description import Description, Statement
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.evidence import Evidence, Row
+from hhtbench.solution.result import Solution, Status
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ def test_solve_prints_the_error_where_the_end_is_known(mechanism, acme, run):
     with (mechanism / "my_mechanism.py").open("a") as file:
         file.write(
             "from dataclasses import replace\n"
-            "from hhtbench.protocol import Motion, Scales\n"
+            "from hhtbench.protocol.system import Motion, Scales\n"
             "known = replace(finished, scales=Scales(q=10.0), exact=lambda t: Motion([1.5], [0.0], [], []))\n"
             "table = replace(finished, reference={'t': [0.0, 1.0], 'q': [[1.0], [1.25]], 'digits': 9})\n"
         )
@@ -165,7 +165,7 @@ def test_check_prints_the_rows_writes_them_and_fails_when_one_fails(passed, code
 
 def test_describe_prints_the_description(acme, run, monkeypatch):
     told = Description(title="describes fall", statements=(Statement("declared", "force", "a weight"),))
-    monkeypatch.setattr("hhtbench.description.describe", lambda problem: told if problem.name == "fall" else None)
+    monkeypatch.setattr("hhtbench.lowering.description.describe", lambda problem: told if problem.name == "fall" else None)
     assert run("describe", "acme_fall").output == f"{told}\n"
 
 

@@ -10,13 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 import hhtbench as hb
-from hhtbench.arguments import positive_integer, real_number
-from hhtbench.cli import main
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem
-from hhtbench.request import make_request, plan_steps
-from hhtbench.specs import canonical, parse_spec
-from hhtbench.store import Store, load_rows
+from hhtbench.campaign.store import Store, load_rows
+from hhtbench.catalogue.specs import canonical, parse_spec
+from hhtbench.cli.main import main
+from hhtbench.protocol.arguments import positive_integer, real_number
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, Problem
+from hhtbench.solution.request import make_request, plan_steps
 from solvers.hht import HHT
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0
 
@@ -83,7 +83,7 @@ def test_a_number_in_a_message_is_short(value):
 def test_a_spec_of_1500_summands_is_refused_and_one_of_100_is_read():
     """In a process of its own: how deep it may recurse depends on who calls."""
     code = (
-        "from hhtbench.specs import parse_spec; from hhtbench.errors import ProblemError\n"
+        "from hhtbench.catalogue.specs import parse_spec; from hhtbench.protocol.errors import ProblemError\n"
         "assert parse_spec('a(k=' + '+'.join('1' * 100) + ')').arguments == {'k': 100}\n"
         "for text in ('a(k=' + '+'.join('1' * 1500) + ')', 'a(k=' + '[' * 80 + '1' + ']' * 80 + '+1' * 1500 + ')'):\n"
         "    try: parse_spec(text)\n"

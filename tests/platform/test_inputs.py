@@ -7,9 +7,9 @@ import warnings
 import numpy as np
 import pytest
 
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import NumpySystem, Problem, System, parameter
-from hhtbench.request import RTOL_FLOOR, check_output_times, make_request, plan_steps
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, Problem, System, parameter
+from hhtbench.solution.request import RTOL_FLOOR, check_output_times, make_request, plan_steps
 
 SYSTEM = NumpySystem(force=lambda t, q, v: -q)
 

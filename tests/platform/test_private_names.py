@@ -12,7 +12,7 @@ UNSTABLE = ("jax.extend", "jax.interpreters", "numba.core", "numba.np")  # witho
 FILES = {
     "jax": {"hhtbench/lowering/jax_internals.py"},
     "numba": {"hhtbench/lowering/compile/compiled_loops.py", "solvers/kernel/intrinsics.py"},
-    "numpy": {"hhtbench/processes.py"},
+    "numpy": {"hhtbench/runtime/processes.py"},
     "scipy": {"hhtbench/lowering/dynamics/differences.py"},
 }
 

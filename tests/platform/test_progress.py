@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from hhtbench import progress as module
-from hhtbench.progress import Bar, Lines, progress
+from hhtbench.runtime import progress as module
+from hhtbench.runtime.progress import Bar, Lines, progress
 
 LONG = "a line that is much longer than the terminal is wide " * 4
 SHOWN, HIDDEN = "\x1b[?25h", "\x1b[?25l"

@@ -7,9 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from hhtbench.errors import NotFoundError, ProblemError
-from hhtbench.protocol import Problem
-from hhtbench.registry import (
+from hhtbench.catalogue.registry import (
     list_problems,
     list_solvers,
     list_verifications,
@@ -17,6 +15,8 @@ from hhtbench.registry import (
     load_solver,
     load_verification,
 )
+from hhtbench.protocol.errors import NotFoundError, ProblemError
+from hhtbench.protocol.system import Problem
 from tests.platform.plugins_fixture import PROBLEM, forget, make_distribution
 
 

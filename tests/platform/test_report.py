@@ -10,8 +10,8 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from hhtbench.errors import ProblemError
-from hhtbench.evidence import SCHEMA, Curve, Evidence, Plot, Row, read_evidence
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.evidence import SCHEMA, Curve, Evidence, Plot, Row, read_evidence
 from hhtbench.report import write_report
 from hhtbench.report.colours import PALETTE, plot_style, style_numbers
 from hhtbench.report.figures import figure as made

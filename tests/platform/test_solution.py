@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.errors import ProblemError
-from hhtbench.result import NOT_KEPT, Solution, Status
-from hhtbench.saved import write_arrays
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import NOT_KEPT, Solution, Status
+from hhtbench.solution.saved import write_arrays
 
 mpl.use("agg")
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hhtbench.errors import ProblemError
-from hhtbench.specs import Spec, canonical, parse_spec
+from hhtbench.catalogue.specs import Spec, canonical, parse_spec
+from hhtbench.protocol.errors import ProblemError
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),

@@ -10,8 +10,8 @@ import pytest
 
 import hhtbench
 from hhtbench import Request
-from hhtbench.cli import main
-from hhtbench.processes import worker_processes
+from hhtbench.cli.main import main
+from hhtbench.runtime.processes import worker_processes
 
 HEAVY = ("jax", "numpy", "scipy", "matplotlib", "plotly", "rich")
 GROUPS = {"reference": ("build", "check", "show"), "study": ("selection", "acceptance", "atlas", "parts", "stability")}
@@ -31,7 +31,7 @@ def _last_line(code: str) -> object:
 
 HELP = """
 import click
-from hhtbench.cli import main
+from hhtbench.cli.main import main
 heavy = {}
 for words in (["--help"], ["list"], *([name, "--help"] for name in main.commands), *(SUBCOMMANDS)):
     try:
@@ -61,7 +61,7 @@ def test_a_system_is_declared_without_what_draws_and_without_plugins():
         "import hhtbench",
         "import jax.numpy, hhtbench",
         "from hhtbench import System",
-        "import hhtbench.errors, importlib.util; importlib.util.find_spec('jax')",
+        "import hhtbench.protocol.errors, importlib.util; importlib.util.find_spec('jax')",
         f"import pickle; pickle.loads({pickle.dumps(Request(step=0.1))!r})",
     ],
 )

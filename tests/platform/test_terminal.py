@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from hhtbench import terminal
-from hhtbench.counting import preparing
+from hhtbench.runtime import terminal
+from hhtbench.solution.counting import preparing
 
 
 class Terminal(io.StringIO):

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.registry import load_problem
+from hhtbench.catalogue.registry import load_problem
 from tests.problems.mechanics import Mechanics, compiled
 
 STORED = json.loads(Path(__file__).with_name("reference_values.json").read_text(encoding="utf-8"))

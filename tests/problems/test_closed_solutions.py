@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from hhtbench.registry import list_problems, load_problem
+from hhtbench.catalogue.registry import list_problems, load_problem
 from tests.problems.cases import CHANGED
 from tests.problems.mechanics import compiled
 

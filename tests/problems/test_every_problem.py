@@ -15,8 +15,8 @@ import jax
 import numpy as np
 import pytest
 
-from hhtbench.protocol import TAGS
-from hhtbench.registry import list_problems, load_problem
+from hhtbench.catalogue.registry import list_problems, load_problem
+from hhtbench.protocol.system import TAGS
 from tests.problems.cases import CHANGED, FURTHER
 from tests.problems.mechanics import Mechanics, compiled
 
@@ -168,7 +168,7 @@ def test_changed_problem_has_neither_reference_nor_another_name(make, monkeypatc
 
 ALONE = """
 import json, sys
-from hhtbench.registry import list_problems, load_problem
+from hhtbench.catalogue.registry import list_problems, load_problem
 imported = {}
 for name in list_problems():
     for module in [module for module in sys.modules if module.partition(".")[0] == "problems"]:

@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from hhtbench.errors import ProblemError
-from hhtbench.registry import list_problems, load_problem
+from hhtbench.catalogue.registry import list_problems, load_problem
+from hhtbench.protocol.errors import ProblemError
 
 ONE = [  # name, parameter, its default
     (name, key, parameter.default)

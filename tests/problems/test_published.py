@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import solvers.hht.verify
-from hhtbench.registry import list_problems
-from hhtbench.specs import parse_spec
+from hhtbench.catalogue.registry import list_problems
+from hhtbench.catalogue.specs import parse_spec
 from problems import _common
 from tests.problems import published_chains, published_tables
 from tests.problems.published import ABOUT, NO_PROBLEM, STORED, State

@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from hhtbench.reference.plan import load_plan
-from hhtbench.registry import list_problems, load_problem
-from hhtbench.specs import parse_spec
+from hhtbench.campaign.reference.plan import load_plan
+from hhtbench.catalogue.registry import list_problems, load_problem
+from hhtbench.catalogue.specs import parse_spec
 from problems import _common
 
 PLAN = load_plan(_common.REFERENCES / "plan.toml")

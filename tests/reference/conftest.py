@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from hhtbench.reference.plan import Entry
+from hhtbench.campaign.reference.plan import Entry
 
 SCENE = '''
 import numpy as np
 from dataclasses import dataclass
-from hhtbench.protocol import Motion, Problem, Scales, System
-from hhtbench.result import Solution, Status
+from hhtbench.protocol.system import Motion, Problem, Scales, System
+from hhtbench.solution.result import Solution, Status
 
 
 class Fall(System):

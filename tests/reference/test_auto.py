@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hhtbench.reference import certify, reference_of
-from hhtbench.reference.auto import CVODE, EXPLICIT, GGL, INDEX1, certify_one, methods_for
-from hhtbench.reference.files import read_certificate
-from hhtbench.reference.plan import Entry
-from hhtbench.registry import load_problem
+from hhtbench.campaign.reference import certify, reference_of
+from hhtbench.campaign.reference.auto import CVODE, EXPLICIT, GGL, INDEX1, certify_one, methods_for
+from hhtbench.campaign.reference.files import read_certificate
+from hhtbench.campaign.reference.plan import Entry
+from hhtbench.catalogue.registry import load_problem
 
 SCENES = Path(__file__).with_name("mechanisms.py")
 STIFF = f"{SCENES}:bushings(n=3, k=1e9, c=1e6, t_end=0.3)"

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hhtbench.errors import ProblemError
-from hhtbench.reference import certify
-from hhtbench.reference.certify import FLOOR, SAFETY
+from hhtbench.campaign.reference import certify
+from hhtbench.campaign.reference.certify import FLOOR, SAFETY
+from hhtbench.protocol.errors import ProblemError
 
 OTHER = "method=B, form=ode"
 

@@ -5,10 +5,10 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.cli import main
-from hhtbench.errors import ProblemError
-from hhtbench.reference import certify
-from hhtbench.reference.files import write_certificate
+from hhtbench.campaign.reference import certify
+from hhtbench.campaign.reference.files import write_certificate
+from hhtbench.cli.main import main
+from hhtbench.protocol.errors import ProblemError
 
 
 @pytest.fixture

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hhtbench.errors import ProblemError
-from hhtbench.reference import certify
-from hhtbench.reference.files import read_certificate, write_certificate
+from hhtbench.campaign.reference import certify
+from hhtbench.campaign.reference.files import read_certificate, write_certificate
+from hhtbench.protocol.errors import ProblemError
 from problems import _common
 
 

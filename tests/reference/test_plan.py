@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from hhtbench.errors import NotFoundError, ProblemError
-from hhtbench.reference.certify import times_of
-from hhtbench.reference.plan import RTOL, SECOND, choose, load_plan, registered_folder, registered_plans
-from hhtbench.registry import load_problem
+from hhtbench.campaign.reference.certify import times_of
+from hhtbench.campaign.reference.plan import RTOL, SECOND, choose, load_plan, registered_folder, registered_plans
+from hhtbench.catalogue.registry import load_problem
+from hhtbench.protocol.errors import NotFoundError, ProblemError
 
 TWO = """
 [chain_short]

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from hhtbench.evidence import Evidence, Row
+from hhtbench.protocol.evidence import Evidence, Row
 from hhtbench.report import write_comparison
 from tests.report.synthetic import rows as campaign
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 
-from hhtbench.store.rows import RunRow
+from hhtbench.campaign.store.rows import RunRow
 
 # name: position constraints, velocity constraints, span [s], how well it is known
 PROBLEMS = {

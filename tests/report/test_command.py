@@ -5,8 +5,8 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.cli import main
-from hhtbench.store import Store
+from hhtbench.campaign.store import Store
+from hhtbench.cli.main import main
 
 
 @pytest.fixture

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench import analysis
-from hhtbench.analysis.fronts import Campaign
-from hhtbench.analysis.kinds import Kind
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.fronts import Campaign
+from hhtbench.campaign.analysis.kinds import Kind
 from hhtbench.report import write_comparison
 from hhtbench.report.atlas import DECLINED, SILENT, failure_atlas
 from hhtbench.report.chart import draw

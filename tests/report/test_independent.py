@@ -8,7 +8,7 @@ from itertools import product
 
 import pytest
 
-from hhtbench import analysis
+from hhtbench.campaign import analysis
 from hhtbench.report.summary import summary
 from tests.report.independent import Truth, error, false_sentences
 from tests.report.synthetic import rows as campaign

@@ -11,9 +11,9 @@ from itertools import product
 import pytest
 from plotly.offline import get_plotlyjs_version
 
-from hhtbench import analysis
-from hhtbench.analysis.fronts import campaign_of
-from hhtbench.errors import ProblemError
+from hhtbench.campaign import analysis
+from hhtbench.campaign.analysis.fronts import campaign_of
+from hhtbench.protocol.errors import ProblemError
 from hhtbench.report import content_of, contest, summary_page, write_comparison
 from hhtbench.report.atlas import failure_atlas
 from hhtbench.report.decisions import decisions

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from hhtbench.analysis import compare
+from hhtbench.campaign.analysis import compare
 from hhtbench.report.summary import problem_summary, summary
 from hhtbench.report.words import times
 from tests.analysis.laws import failed, ladder, law, run

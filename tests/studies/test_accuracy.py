@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.studies.accuracy import Cell, cells_of, evidence_of, truth
+from hhtbench.conformance.accuracy import Cell, cells_of, evidence_of, truth
 
 GOOD = Cell(problem="p", solver="hht", accuracy=1e-3, status="success", error=3e-4, bound=5e-4, cost=4.0, extrapolated=1e-4)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.atlas import failure_atlas
-from hhtbench.store.rows import RunRow
 
 
 def row(solver, status, rtol=1e-6, message="", error=None):

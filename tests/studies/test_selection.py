@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hhtbench.advice.families import FAMILIES, drawn, family_of
-from hhtbench.errors import ProblemError
-from hhtbench.studies.regret import ADVICE, BEST_FIXED, FREE, THUMB
-from hhtbench.studies.selection import judged, study_selection
+from hhtbench.advice.regret import ADVICE, BEST_FIXED, FREE, THUMB
+from hhtbench.advice.study import judged, study_selection
+from hhtbench.protocol.errors import ProblemError
 from tests.advice.synthetic import database
 
 

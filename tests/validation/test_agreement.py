@@ -7,10 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 import hhtbench as hb
-from hhtbench.cli import main
-from hhtbench.store import RunRow
-from hhtbench.validation.agreement import agreement_rows, compare_rows
-from hhtbench.validation.verdict import Kind, judge
+from hhtbench.campaign.store import RunRow
+from hhtbench.cli.main import main
+from hhtbench.conformance.validation.agreement import agreement_rows, compare_rows
+from hhtbench.conformance.validation.verdict import Kind, judge
 
 TIMES = np.linspace(0.0, 1.0, 5)
 
@@ -79,7 +79,7 @@ def test_the_tightest_run_counts_and_a_looser_one_that_falls_converges():
 
 MECHANISM = """
 import jax.numpy as jnp
-from hhtbench.protocol import Problem, System
+from hhtbench.protocol.system import Problem, System
 class Rod(System):
     def force(self, t, q, v):
         return jnp.array([0.0, -9.81]) - 0.1 * v
@@ -111,8 +111,8 @@ def test_ones_own_problem_without_reference_is_judged_by_agreement(tmp_path, mon
     (tmp_path / "liar.py").write_text(LIARS)
     monkeypatch.chdir(tmp_path)
     pairs = ("ida(form=index1)", "cvode(method=bdf)", "scipy(method=DOP853)", "projected(method=DOP853)", *more)
-    monkeypatch.setattr("hhtbench.validation.plan.PAIRS", pairs)
-    monkeypatch.setattr("hhtbench.validation.plan.STEPS", (2000,))
+    monkeypatch.setattr("hhtbench.conformance.validation.plan.PAIRS", pairs)
+    monkeypatch.setattr("hhtbench.conformance.validation.plan.STEPS", (2000,))
     result = CliRunner().invoke(main, ["validate", "rod.py:problem", "--jobs", "1", "--out", "table.md"])
     assert result.exit_code == code, result.output
     assert "no reference: judged by agreement" in result.output

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hhtbench.api import solve
-from hhtbench.registry import load_problem
+from hhtbench.catalogue.registry import load_problem
 
 
 @pytest.mark.parametrize("form", ["ggl", "index1", "integrated", "index2"])

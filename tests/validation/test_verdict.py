@@ -3,12 +3,12 @@
 import pytest
 from click.testing import CliRunner
 
-from hhtbench.cli import main
-from hhtbench.reference.plan import load_plan, registered_folder, validated_spec
-from hhtbench.registry import load_problem
-from hhtbench.store import RunRow
-from hhtbench.validation.table import solvability
-from hhtbench.validation.verdict import Kind, evidence_rows, judge, short
+from hhtbench.campaign.reference.plan import load_plan, registered_folder, validated_spec
+from hhtbench.campaign.store import RunRow
+from hhtbench.catalogue.registry import load_problem
+from hhtbench.cli.main import main
+from hhtbench.conformance.validation.table import solvability
+from hhtbench.conformance.validation.verdict import Kind, evidence_rows, judge, short
 
 
 def row(solver="ida(form='ggl')", error=1e-9, status="success", rtol=1e-8, digits=None, problem="p"):
@@ -91,7 +91,7 @@ def test_the_table_shows_digits_statuses_and_reasons():
 
 MECHANISM = """
 import jax.numpy as jnp, numpy as np
-from hhtbench.protocol import Problem, System, Motion
+from hhtbench.protocol.system import Problem, System, Motion
 class Spring(System):
     def force(self, t, q, v):
         return -4.0 * q
@@ -107,8 +107,8 @@ def test_the_command_leaves_with_one_where_a_solver_disagrees(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     six = [f"scipy(method={method})" for method in ("DOP853", "Radau", "LSODA", "BDF")]
     six += ["cvode(method=bdf)", "cvode(method=adams)"]
-    monkeypatch.setattr("hhtbench.validation.plan.PAIRS", tuple(six))
-    monkeypatch.setattr("hhtbench.validation.plan.STEPS", (2000,))
+    monkeypatch.setattr("hhtbench.conformance.validation.plan.PAIRS", tuple(six))
+    monkeypatch.setattr("hhtbench.conformance.validation.plan.STEPS", (2000,))
     result = CliRunner().invoke(main, ["validate", f"spring.py:problem(wrong={wrong})", "--jobs", "1", "--out", "table.md"])
     assert result.exit_code == code, result.output
     assert "projected DOP853" not in (tmp_path / "table.md").read_text()

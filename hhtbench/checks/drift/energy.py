@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Dynamics, compile_function
 from hhtbench.lowering.dynamics.kkt import kkt_terms
+from hhtbench.protocol.arguments import Matrix, Vector
 
 States = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 KNOWN = 0.5  # of the imbalance: the power's integral must be known better,

@@ -12,7 +12,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.drift.energy import (
     Balance,
     Fed,
@@ -25,8 +24,9 @@ from hhtbench.checks.drift.energy import (
 )
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.protocol import Problem, declared
-from hhtbench.result import Ends, Solution, ends_of
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Problem, declared
+from hhtbench.solution.result import Ends, Solution, ends_of
 
 NO_MULTIPLIERS = "no multipliers of its own: zero by construction"
 SINGULAR_MASS = "the accelerations do not follow from the multipliers: the mass is singular, or a value is not finite"
@@ -90,7 +90,7 @@ class Drift:
 
 
 def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
-    """Drift over all internal steps where they are known (:func:`~hhtbench.result.ends_of`), else over rows; None: no state.
+    """Drift over all internal steps where they are known (:func:`~hhtbench.solution.result.ends_of`), else over rows; None: no state.
 
     Never over HHT's rows between steps, which are put onto the constraints: their drift is smaller than that of its steps.
     """

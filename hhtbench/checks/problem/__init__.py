@@ -6,7 +6,6 @@ import time
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.checks.problem.conservation import conservation_rows
 from hhtbench.checks.problem.data import data_rows, measured_rows
 from hhtbench.checks.problem.derivatives import DERIVED, Sample, automatic_derivatives, derivative_rows, given_derivatives
@@ -15,9 +14,10 @@ from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.checks.problem.scales import Sizes, sizes_of
 from hhtbench.checks.problem.start import Start, consistency_rows, examine, mass_rows, regularity_rows
 from hhtbench.checks.problem.survey import Survey, survey
-from hhtbench.evidence import Evidence, Row
 from hhtbench.lowering import Dynamics, Structure, derive
-from hhtbench.protocol import DERIVATIVES, Problem
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.evidence import Evidence, Row
+from hhtbench.protocol.system import DERIVATIVES, Problem
 
 __all__ = ["check"]
 

@@ -13,12 +13,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.problem.deviation import OWN_ERROR
 from hhtbench.checks.problem.reference import Probe, split
 from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.checks.problem.scales import Sizes
-from hhtbench.evidence import Row
 from hhtbench.lowering import (
     CONSISTENT,
     AccelerationLevel,
@@ -28,7 +26,9 @@ from hhtbench.lowering import (
     reduce_redundant,
 )
 from hhtbench.lowering.dynamics.differences import derivative_along
-from hhtbench.protocol import Problem, declared
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.evidence import Row
+from hhtbench.protocol.system import Problem, declared
 
 MAX_TIMES = 8  # points of the known motion that are measured
 MEASURED = ("energy", "power", "invariants")

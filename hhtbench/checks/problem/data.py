@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import real_values
 from hhtbench.checks.problem.rows import attempt, yes_or_fault
 from hhtbench.checks.problem.scales import Sizes
 from hhtbench.checks.problem.start import Start
-from hhtbench.evidence import Row
 from hhtbench.lowering import CONSISTENT
-from hhtbench.protocol import Problem, declared
+from hhtbench.protocol.arguments import real_values
+from hhtbench.protocol.evidence import Row
+from hhtbench.protocol.system import Problem, declared
 
 
 def data_rows(problem: Problem, m: int | None, p: int | None, sizes: Sizes, start: Start | None) -> list[Row]:

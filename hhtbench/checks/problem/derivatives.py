@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix
 from hhtbench.checks.problem.deviation import USABLE, Worst, by_differences, of_one_size, worse
 from hhtbench.checks.problem.reference import Probe, Reference, References, part_rows, parts_of, split
 from hhtbench.checks.problem.rows import attempt, not_measured
-from hhtbench.evidence import Row
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.dynamics.dynamics import evaluate
+from hhtbench.protocol.arguments import Matrix
+from hhtbench.protocol.evidence import Row
 
 DIFFERENCE_BOUND = 1e-6
 FIRST_ORDER_BOUND = 1e-4  # first-order differences serve Newton's matrix only, where four digits are plenty

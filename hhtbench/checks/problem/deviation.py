@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.problem.reference import Probe, Reference, References, blocks
+from hhtbench.protocol.arguments import Matrix, Vector
 
 if TYPE_CHECKING:
     from hhtbench.checks.problem.derivatives import Derivative

@@ -15,11 +15,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
 from hhtbench.lowering.dynamics.differences import EPS, derivative_along
 from hhtbench.lowering.dynamics.dynamics import evaluate
-from hhtbench.protocol import declared
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import declared
 
 DIFFERENCE_STEP = 2.0**-10  # of the typical size: about eps**(1/5), best for fourth order; the first that is tried
 HALVINGS = 20  # of that step at most: features down to a millionth of the typical size are seen

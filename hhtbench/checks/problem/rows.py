@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.errors import NonFiniteValue, ProblemError
-from hhtbench.evidence import Row
+from hhtbench.protocol.errors import NonFiniteValue, ProblemError
+from hhtbench.protocol.evidence import Row
 
 MAX_CHARACTERS = 240  # characters of a reason; a library's message may run over pages
 

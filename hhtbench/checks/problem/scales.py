@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector, real_array
 from hhtbench.checks.problem.rows import attempt, yes_or_fault
-from hhtbench.evidence import Row
-from hhtbench.protocol import Problem
+from hhtbench.protocol.arguments import Vector, real_array
+from hhtbench.protocol.evidence import Row
+from hhtbench.protocol.system import Problem
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.problem.reference import Probe, split
 from hhtbench.checks.problem.rows import attempt, not_measured, yes_or_fault
 from hhtbench.checks.problem.scales import Sizes
-from hhtbench.evidence import Row
 from hhtbench.lowering import (
     CONSISTENT,
     SYMMETRIC,
@@ -25,7 +23,9 @@ from hhtbench.lowering import (
     mass_is_singular,
 )
 from hhtbench.lowering.dynamics.kkt import Acceleration
-from hhtbench.protocol import Problem
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.evidence import Row
+from hhtbench.protocol.system import Problem
 
 SEMIDEFINITE = 1e-12
 DEPENDENT = 1e-10  # singular values below this of the scaled matrix are roundoff of dependent rows

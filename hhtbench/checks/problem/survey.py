@@ -9,11 +9,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.arguments import real_values
 from hhtbench.checks.problem.rows import attempt, not_measured, yes_or_fault
-from hhtbench.errors import ProblemError
-from hhtbench.evidence import Row
-from hhtbench.protocol import (
+from hhtbench.protocol.arguments import real_values
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.evidence import Row
+from hhtbench.protocol.system import (
     DECLARABLE,
     DERIVATIVES,
     PATTERNS,

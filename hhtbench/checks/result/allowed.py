@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.checks.result.flow import Crossing, Equations, Flow, NotJudged
-from hhtbench.protocol import Problem
-from hhtbench.request import Request, plan_steps
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.request import Request, plan_steps
 
 FINEST = 1e-10  # relative: no motion is known better after many steps
 RESOLVED = 1e-8  # relative: accuracy of the motion in the first steps

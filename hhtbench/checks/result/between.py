@@ -13,11 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.result.flow import Equations, Flow, NotJudged
 from hhtbench.checks.result.success import SAME_TIME
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution, ends_of
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution, ends_of
 
 STILL = 1e-3  # of the median speed of change: slower rows may be frozen
 LEAP = 30.0  # times the median of what the velocities leave of the way to the next row: a larger one may be a jump

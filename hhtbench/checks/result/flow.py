@@ -13,11 +13,11 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.linalg import lapack
 
-from hhtbench.arguments import Vector, all_finite
-from hhtbench.errors import NonFiniteValue
-from hhtbench.jumps import find_jumps
+from hhtbench.checks.jumps import find_jumps
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive, reduce_redundant
-from hhtbench.protocol import Problem
+from hhtbench.protocol.arguments import Vector, all_finite
+from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.system import Problem
 
 FINEST, COARSEST = 1e-12, 1e-6  # relative tolerances of the steps
 

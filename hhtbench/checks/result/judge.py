@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.checks.jumps import Jumps
 from hhtbench.checks.result.allowed import allowed_errors
 from hhtbench.checks.result.between import bends, stand_out
 from hhtbench.checks.result.flow import Equations, NotJudged
@@ -20,10 +20,10 @@ from hhtbench.checks.result.levels import CHECKED_ROWS, sizes_of, spread, unknow
 from hhtbench.checks.result.motion import Follower, Multipliers, Rows, Window
 from hhtbench.checks.result.reactions import Row, rows_of, wrong_reactions
 from hhtbench.checks.result.success import SAME_TIME, doubt_about, wrong_columns
-from hhtbench.jumps import Jumps
-from hhtbench.protocol import Problem
-from hhtbench.request import Request
-from hhtbench.result import Ends, Solution
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Ends, Solution
 
 MAX_WINDOWS = 60  # in a motion with many jumps: which of them is drawn
 DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one

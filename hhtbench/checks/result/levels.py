@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import Clock
-from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import ConstraintLevels, Dynamics, derive
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.protocol import Problem
-from hhtbench.request import Request
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.counting import Clock
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Solution
 
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
 DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval

@@ -17,11 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.checks.result.allowed import Missed
 from hhtbench.checks.result.flow import Equations, Flow, NotJudged
-from hhtbench.protocol import Problem
-from hhtbench.request import Request
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.request import Request
 
 BOUND = 50.0  # times the error allowed of a step: a window has many, and libraries miss their tolerances tenfold at times
 LEAST = 10.0  # of BOUND, where BELIEVABLE lowers it

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.checks.result.flow import NotJudged
 from hhtbench.checks.result.motion import BOUND, MAX_EVALUATIONS, Follower, Multipliers, signs
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Vector
+from hhtbench.solution.result import Solution
 
 ROUNDOFF = 1e-8  # of the largest force
 LAG = 7.0  # times the square root of the error allowed of a step, in typical sizes: HHT's stages lag by up to 5.4

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector, all_finite
 from hhtbench.checks.result.levels import sizes_of, unknown_without_reason, violated
-from hhtbench.counting import Clock
-from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import CONSISTENT, AccelerationLevel, ConstraintLevels, derive
-from hhtbench.protocol import Problem
-from hhtbench.request import Request
-from hhtbench.result import Counters, Ends, Solution, Status
+from hhtbench.protocol.arguments import Matrix, Vector, all_finite
+from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.counting import Clock
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Counters, Ends, Solution, Status
 
 SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
 SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start

@@ -14,7 +14,7 @@ import numpy as np
 from hhtbench.conformance.entry import claim
 from hhtbench.conformance.scenes.pendulum import numpy_pendulum
 from hhtbench.conformance.subject import Declined, Subject, at, errors, expect, same_bits
-from hhtbench.request import Request
+from hhtbench.solution.request import Request
 
 
 @claim("inputs/untouched")

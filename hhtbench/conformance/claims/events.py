@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from hhtbench.arguments import Vector
 from hhtbench.conformance.entry import claim
 from hhtbench.conformance.scenes.pendulum import PERIOD, RADIUS, swing
 from hhtbench.conformance.scenes.scene import Scene
 from hhtbench.conformance.subject import Subject, expect
-from hhtbench.result import Solution, Status
+from hhtbench.protocol.arguments import Vector
+from hhtbench.solution.result import Solution, Status
 
 ANGLE = 0.5  # of the pendulum from below, at which the event is [rad]
 HEIGHT = -RADIUS * float(np.cos(ANGLE))  # [m]

@@ -13,8 +13,8 @@ from hhtbench.conformance.entry import claim
 from hhtbench.conformance.scenes.pendulum import numpy_pendulum, pendulum
 from hhtbench.conformance.scenes.rod import FUNCTIONS, plane, problem, spoiled
 from hhtbench.conformance.subject import COMPONENTS, Declined, Subject, expect, same_bits
-from hhtbench.protocol import SIGNATURES, declared
-from hhtbench.result import Solution, Status
+from hhtbench.protocol.system import SIGNATURES, declared
+from hhtbench.solution.result import Solution, Status
 
 HALF_WAY = 0.75  # [s]
 NEVER = -1.0  # [s], before the start

@@ -13,7 +13,7 @@ from hhtbench.conformance.scenes.pendulum import Frame, RedundantPendulum, pendu
 from hhtbench.conformance.scenes.scene import SPAN, Scene
 from hhtbench.conformance.scenes.small import moving_circle
 from hhtbench.conformance.subject import Subject, at, differences, errors, expect, rms, size_of
-from hhtbench.request import make_request
+from hhtbench.solution.request import make_request
 
 TURNED = np.array([[2.0, -2.0, 1.0], [1.0, 2.0, 2.0], [-2.0, -1.0, 2.0]]) / 3.0
 MIRRORED = np.diag([-1.0, 1.0, 1.0])

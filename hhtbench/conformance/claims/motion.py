@@ -14,8 +14,8 @@ from hhtbench.conformance.scenes.pendulum import numpy_pendulum
 from hhtbench.conformance.scenes.scene import Scene, multipliers
 from hhtbench.conformance.scenes.small import oscillator
 from hhtbench.conformance.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, rms, size_of
-from hhtbench.protocol import declared
-from hhtbench.result import Status
+from hhtbench.protocol.system import declared
+from hhtbench.solution.result import Status
 
 EVERY = tuple(SCENES)
 CONSTRAINED = tuple(name for name in EVERY if name != "unconstrained")

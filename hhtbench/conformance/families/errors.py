@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.conformance.cell import Error, Expected
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 
 
 def motion(most: float) -> dict[str, Expected]:

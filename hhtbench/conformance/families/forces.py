@@ -10,8 +10,8 @@ import numpy as np
 from hhtbench.conformance.cell import Cell, Expected, cells, family, rtol, step
 from hhtbench.conformance.families.errors import REACTION, exact, motion, own_multipliers, reacting
 from hhtbench.conformance.scenes.circles import Rubbing, Sliding, bouncing, pushed, sliding
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 
 SPAN = 2.0  # [s]
 JUMP = 0.7  # [s], no multiple of a step

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from scipy.special import ellipe, ellipk, ellipkinc
 
-from hhtbench.arguments import Vector
+from hhtbench.catalogue.registry import load_problem
 from hhtbench.conformance.cell import Cell, Expected, family
 from hhtbench.conformance.families.errors import Error, held, kept
 from hhtbench.conformance.scenes.linkages import parallelogram, parallelogram_levels
 from hhtbench.conformance.scenes.pendulum import AMPLITUDE, GRAVITY, PERIOD, RADIUS
-from hhtbench.protocol import Problem
-from hhtbench.registry import load_problem
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 
 STEPS = 500  # a swing
 ROWS = 40  # of output, about

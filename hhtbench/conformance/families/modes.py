@@ -24,13 +24,13 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.conformance import cell
 from hhtbench.conformance.cell import Cell, Expected
 from hhtbench.conformance.families.errors import motion, own_multipliers
 from hhtbench.conformance.families.recurrence import METHODS, Weights
-from hhtbench.protocol import Motion, Problem, System, parameter
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, System, parameter
+from hhtbench.solution.result import Solution
 
 COUNT = 12  # steps
 EPS = float(np.finfo(np.float64).eps)

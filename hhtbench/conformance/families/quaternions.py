@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.conformance.cell import Cell, Expected, cells, family, rtol, step
 from hhtbench.conformance.families.errors import held, reacting
 from hhtbench.conformance.subject import ACCURACY
 from hhtbench.mechanics.space import quaternion_rate, rotation, rotational_force, rotational_mass
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 
 SPAN = 5.0  # [s], two turns of the axis
 MOMENTS = np.array([1.0, 1.0, 2.0])  # about the body's axes [kg m^2]

@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hhtbench.arguments import Matrix
+from hhtbench.catalogue.registry import load_problem
 from hhtbench.conformance.cell import Cell, Expected, cells, family, rtol, step
 from hhtbench.conformance.families.errors import at_the_end, held, reacting_by
 from hhtbench.conformance.scenes.circles import crossed_levels, leaning
 from hhtbench.conformance.subject import ACCURACY
-from hhtbench.protocol import Motion, Problem
-from hhtbench.registry import load_problem
+from hhtbench.protocol.arguments import Matrix
+from hhtbench.protocol.system import Motion, Problem
 
 SPAN = 2.0  # [s]
 LEVELS = 1e-12

@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.conformance.cell import Cell, Expected, family
 from hhtbench.conformance.scenes.circles import oscillator
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 
 Spectrum = NDArray[np.complex128]
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
+from hhtbench.catalogue.registry import load_problem
 from hhtbench.conformance.cell import ROWS, Cell, Expected, Way, cells, family, rtol, step
 from hhtbench.conformance.families.errors import held, motion, off
 from hhtbench.conformance.families.springs import CURVATURE, beside
@@ -19,9 +19,9 @@ from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum
 from hhtbench.conformance.scenes.pendulum import PERIOD, Frame, pendulum
 from hhtbench.conformance.scenes.scene import SPAN, Scene
 from hhtbench.conformance.subject import ACCURACY
-from hhtbench.protocol import Problem
-from hhtbench.registry import load_problem
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 
 SWING = 100.0  # error over h^2 of a method of second order in a swing of the pendulum [1/s^2]; HHT's is near 10
 ROUNDOFF = 1e-9

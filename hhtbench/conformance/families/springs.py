@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.catalogue.registry import load_problem
 from hhtbench.conformance.cell import Cell, Expected, Way, cells, family, rtol, step
 from hhtbench.conformance.families.errors import HALF, REACTION, along, at_the_end, exact, held, motion, reacting
 from hhtbench.conformance.scenes.circles import FAST, FIRST, SLOW, crossed_levels, damped, led, spinning, stiff
 from hhtbench.conformance.scenes.servos import hung
 from hhtbench.conformance.subject import ACCURACY
-from hhtbench.protocol import Problem
-from hhtbench.registry import load_problem
-from hhtbench.result import Solution
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 
 SPAN = 5.0  # [s], most of a period of the slow motion
 CURVATURE = 10.0  # error over h^2 of a method of second order on a motion of frequency 1 [1/s^2], unless it is said

@@ -17,10 +17,10 @@ import numpy as np
 
 import hhtbench as hb
 from hhtbench.conformance.parts.scenes import H, Scene
-from hhtbench.errors import ProblemError
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
-from hhtbench.protocol import SIGNATURES, NumpySystem, declared
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import SIGNATURES, NumpySystem, declared
 
 COUNTED = 20  # steps of the shorter of two runs whose calls are counted
 TIMED, START = 40_000, 2  # steps of runs that are timed: the latter is hardly more than a start

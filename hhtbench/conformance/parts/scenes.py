@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.arguments import Vector
+from hhtbench.protocol.arguments import Vector
 
 GRAVITY = 9.81
 H = 0.01  # [s] of prescribed steps

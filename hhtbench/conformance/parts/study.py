@@ -14,7 +14,7 @@ import hhtbench as hb
 from hhtbench.conformance.parts import scenes
 from hhtbench.conformance.parts.measure import Cost, costs_of, own, run, seconds_of
 from hhtbench.conformance.parts.scenes import Scene, chain
-from hhtbench.description import describe
+from hhtbench.lowering.description import describe
 
 SAME = 1e-12  #: largest difference of what is computed with and without a reduction, of the largest entry
 COMPARED = 200  # steps after which that is compared

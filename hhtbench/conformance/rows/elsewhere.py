@@ -22,7 +22,7 @@ from hhtbench.conformance.entry import row as entry_row
 from hhtbench.conformance.rows.judging import Cases, ends, row
 from hhtbench.conformance.subject import Subject
 
-MAIN = "from hhtbench.cli import main; main()"
+MAIN = "from hhtbench.cli.main import main; main()"
 PATIENCE = 1_800.0  # s for some 220 cases, of which each may take 20 s: few do
 
 

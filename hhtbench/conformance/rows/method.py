@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.arguments import Matrix
 from hhtbench.conformance.entry import Lane
 from hhtbench.conformance.rows.judging import Cases, refuses, row, within
 from hhtbench.conformance.scenes.circles import Oscillator
 from hhtbench.conformance.scenes.rod import Q0, V0, Rod, plane
 from hhtbench.conformance.subject import ALPHAS, Subject
+from hhtbench.protocol.arguments import Matrix
 
 EVERY_ALPHA = (0.0, -0.05, -0.15, -0.3, -1.0 / 3.0)
 FREQUENCIES = (0.1, 1.0, 10.0, 1e3, 1e8)  # times the step

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import quad
 
-from hhtbench.arguments import Vector
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 
 BASIS = np.array([[1, 1, 1, 1], [1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]]) / 2
 SLOW, FAST, FIRST, SECOND = BASIS

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hhtbench.arguments import Vector
 from hhtbench.conformance.scenes.pendulum import GRAVITY, RADIUS, swing
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 
 
 class Parallelogram(System):

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.special import ellipj, ellipk
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.conformance.scenes.scene import SPAN, Equations, Levels, Scene, make_scene
-from hhtbench.protocol import NumpySystem, Scales, System, parameter
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import NumpySystem, Scales, System, parameter
 
 
 class Pendulum(System):

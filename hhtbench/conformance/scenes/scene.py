@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.protocol import Motion, NumpySystem, Problem, Scales, System
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.system import Motion, NumpySystem, Problem, Scales, System
 
 SPAN = (0.0, 1.5)  # [s]
 UNIT = Scales()

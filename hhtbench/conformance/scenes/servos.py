@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.conformance.scenes.circles import FAST, FIRST, PRESS, SECOND, SLOW, arc, off_circle, on_circle
-from hhtbench.protocol import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 
 
 class Hung(System):

@@ -7,9 +7,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.conformance.scenes.scene import SPAN, Equations, Levels, Scene, make_scene
-from hhtbench.protocol import System, parameter
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import System, parameter
 
 STIFFNESS, DAMPING, DRIVE, FREQUENCY = 9.0, 0.5, 2.0, 2.0
 INERTIA = np.array([[2.0, 1.0], [1.0, 2.0]])

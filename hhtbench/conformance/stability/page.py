@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from hhtbench.conformance.entry import Entry, Kind, Outcome
 from hhtbench.conformance.stability.study import SAFE, Stability
 from hhtbench.conformance.stability.workers import cells_of
-from hhtbench.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError
 from hhtbench.report import COMPARISON, STABILITY, colours
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table

@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from hhtbench.catalogue.specs import parse_spec
 from hhtbench.conformance.entry import Entry, Kind, Outcome
 from hhtbench.conformance.registry import FAMILIES, chosen
 from hhtbench.conformance.stability.workers import Batch, cells_of, measure_all
-from hhtbench.evidence import environment
-from hhtbench.specs import parse_spec
+from hhtbench.protocol.evidence import environment
 
 SOLVERS = (
     "hht",

@@ -14,8 +14,8 @@ from hhtbench.conformance.cell import MAX_COMPILING, Cell
 from hhtbench.conformance.entry import Kind, Outcome
 from hhtbench.conformance.registry import FAMILIES, chosen
 from hhtbench.conformance.subject import Subject
-from hhtbench.processes import Worker, worker_processes
-from hhtbench.result import Status
+from hhtbench.runtime.processes import Worker, worker_processes
+from hhtbench.solution.result import Status
 
 MAX_OVERDUE = MAX_COMPILING + 30.0  # [s] beyond twice the budget of a cell, after which its process is killed
 

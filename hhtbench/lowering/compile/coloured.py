@@ -19,12 +19,12 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from hhtbench.arguments import Vector
-from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.flattening import Flat, flat_function
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call, pattern_along
+from hhtbench.protocol.arguments import Vector
+from hhtbench.solution.counting import preparing
 
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.dynamics import Dynamics

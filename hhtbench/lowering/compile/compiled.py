@@ -10,12 +10,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.counting import preparing
 from hhtbench.lowering.caching import use_disk_cache
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, Route, explain_control_flow, too_large
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 from hhtbench.lowering.scalar_compiler.lower import Shapes
+from hhtbench.solution.counting import preparing
 
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.dynamics import Dynamics

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
-from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import Cache, by_id
+from hhtbench.protocol.errors import ProblemError
 
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.dynamics import Dynamics

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.system import NumpySystem, System
 
 
 class NoFingerprint(TypeError):

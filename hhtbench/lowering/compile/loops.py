@@ -20,9 +20,9 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 
-from hhtbench.counting import preparing
 from hhtbench.lowering.caching import kept_on_disk
 from hhtbench.lowering.scalar_compiler.machine import from_bitcode, host, load
+from hhtbench.solution.counting import preparing
 
 # Annotations of an entry's arguments: arrays whose entries follow one another in memory, beside int, float, bool and tuples.
 FloatArray = Annotated[Any, np.dtype(np.float64), 1]

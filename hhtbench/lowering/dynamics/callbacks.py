@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering import cpython_internals
+from hhtbench.protocol.errors import NonFiniteValue
 
 Shape = tuple[int, ...]
 SIGINT = int(signal.SIGINT)

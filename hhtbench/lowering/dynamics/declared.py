@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from hhtbench.errors import ProblemError
 from hhtbench.lowering.dynamics.mass import Diagonal
-from hhtbench.protocol import WITH_VELOCITY, NumpySystem, System, accepts, declared, reaction_takes_velocity
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import WITH_VELOCITY, NumpySystem, System, accepts, declared, reaction_takes_velocity
 
 ROWS = {
     "force": "one entry per coordinate",

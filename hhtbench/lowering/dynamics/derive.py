@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import equinox as eqx
 import numpy as np
 
-from hhtbench.arguments import Vector
 from hhtbench.lowering.caching import Cache, by_id, same
 from hhtbench.lowering.dynamics.declared import expect_physics
 from hhtbench.lowering.dynamics.names import expect_names
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import NumpySystem, System
 
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics

@@ -10,8 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.arguments import Vector, traced
-from hhtbench.counting import preparing
 from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.declared import (
     FULL,
@@ -27,7 +25,9 @@ from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import compact, inverse_of
 from hhtbench.lowering.dynamics.reductions import generalised
 from hhtbench.lowering.jax_internals import used_inputs
-from hhtbench.protocol import DERIVATIVES, System, declared, reaction_takes_velocity, signature_of
+from hhtbench.protocol.arguments import Vector, traced
+from hhtbench.protocol.system import DERIVATIVES, System, declared, reaction_takes_velocity, signature_of
+from hhtbench.solution.counting import preparing
 
 
 def derive_jax(

@@ -5,7 +5,7 @@
 ``JaxDynamics`` derives by automatic differentiation what is not declared, ``NumpyDynamics`` by differences; around one of
 these are ``ReducedDynamics`` (redundant rows left out), ``AugmentedDynamics`` (a regular mass), ``MatrixFree`` (products
 instead of matrices) and ``ForeignDynamics`` (callbacks of machine code).  Symbols, shapes and units are those of the table
-in :mod:`hhtbench.protocol`.
+in :mod:`hhtbench.protocol.system`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 
 from hhtbench.lowering.dynamics.mass import full
-from hhtbench.protocol import WITH_VELOCITY, declared
+from hhtbench.protocol.system import WITH_VELOCITY, declared
 
 plain_attributes = object.__getattribute__  # equinox looks at every attribute in Python, in case a method goes to ``jit``
 Array = Any  # of the namespace ``xp``: NumPy's, JAX's, or a tracer that stands for one

@@ -20,7 +20,7 @@ from hhtbench.lowering.dynamics.callbacks import Callbacks, Shape
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, arguments_of, as_declared, innermost
 from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.lowering.jax_internals import Primitive
-from hhtbench.protocol import SIGNATURES, WITH_VELOCITY, Signature, declared
+from hhtbench.protocol.system import SIGNATURES, WITH_VELOCITY, Signature, declared
 
 foreign_p = Primitive("hhtbench_foreign")
 foreign_p.def_abstract_eval(lambda address, *arguments, shape: ShapedArray(shape, np.dtype(np.float64)))

@@ -21,7 +21,7 @@ from hhtbench.lowering.dynamics.foreign import FUNCTIONS, SIZES, Called, foreign
 from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete, patterns_of
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
-from hhtbench.protocol import declared
+from hhtbench.protocol.system import declared
 
 VALUES = (  # functions by the letter of their size
     dict.fromkeys(("force", "mass_product", "reaction", "velocity_reaction"), "n")

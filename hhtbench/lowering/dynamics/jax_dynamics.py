@@ -25,7 +25,7 @@ from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Spar
 from hhtbench.lowering.dynamics.patterns import Dependencies, patterns_of
 from hhtbench.lowering.dynamics.regular import ReducedDynamics
 from hhtbench.lowering.scalar_compiler import NotNative, places_of
-from hhtbench.protocol import SIGNATURES, System, declared
+from hhtbench.protocol.system import SIGNATURES, System, declared
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
 

@@ -17,10 +17,10 @@ from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.products import large
+from hhtbench.protocol.arguments import Matrix, Vector
 
 MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
 CONVERGED = 1e-13  # last increment relative to the unknowns

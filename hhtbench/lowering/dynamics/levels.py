@@ -10,11 +10,11 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import scipy.sparse as sp
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.compile.compiling import compile_function, route_of, too_large
 from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.products import large
 from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank
+from hhtbench.protocol.arguments import Matrix, Vector
 
 CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
 

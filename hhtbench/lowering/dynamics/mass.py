@@ -12,10 +12,10 @@ from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import LinearOperator, norm, onenormest
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.banded import factor_banded, solve_banded
 from hhtbench.lowering.compile.compiling import compile_function
+from hhtbench.protocol.arguments import Matrix, Vector
 
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.dynamics import Dynamics

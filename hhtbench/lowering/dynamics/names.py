@@ -10,8 +10,8 @@ from inspect import get_annotations
 from types import CodeType, FunctionType, ModuleType
 from typing import Any
 
-from hhtbench.errors import ProblemError
-from hhtbench.protocol import DECLARABLE, NumpySystem, System, near_name
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import DECLARABLE, NumpySystem, System, near_name
 
 INSIDE = ("__wrapped__", "__func__", "fget", "func")  # where decorators keep the function that they wrap
 LOADS = ("LOAD_ATTR", "LOAD_METHOD", "LOAD_SUPER_ATTR", "LOAD_GLOBAL", "LOAD_NAME")

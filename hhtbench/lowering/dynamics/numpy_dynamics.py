@@ -1,4 +1,4 @@
-"""Terms of a :class:`~hhtbench.protocol.NumpySystem`; what it does not declare comes from differences.
+"""Terms of a :class:`~hhtbench.protocol.system.NumpySystem`; what it does not declare comes from differences.
 
 Callbacks get read-only copies and a plain float t; results are copied, and checked for type, shape and finiteness.
 """
@@ -12,9 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import FLOAT, Vector, all_finite, real_values
-from hhtbench.counting import differencing, kept_of_solve, note_callback
-from hhtbench.errors import NonFiniteValue
 from hhtbench.lowering.dynamics.declared import expect_parts, mass_as_matrix, mass_kind, rows_of, wrong_shape
 from hhtbench.lowering.dynamics.differences import (
     EPS,
@@ -29,7 +26,9 @@ from hhtbench.lowering.dynamics.differences import (
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, unless_given
 from hhtbench.lowering.dynamics.mass import inverse_of
 from hhtbench.lowering.dynamics.reductions import generalised
-from hhtbench.protocol import (
+from hhtbench.protocol.arguments import FLOAT, Vector, all_finite, real_values
+from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.system import (
     SIGNATURES,
     NumpySystem,
     checked_patterns,
@@ -38,6 +37,7 @@ from hhtbench.protocol import (
     reaction_takes_velocity,
     signature_of,
 )
+from hhtbench.solution.counting import differencing, kept_of_solve, note_callback
 
 MOST_BYTES = 2**20  # of Jacobians that one solve keeps: those of the ends of steps serve their rows
 FEWEST_PLACES = 6  # the start of a step, its stage and its end, each by either order

@@ -12,7 +12,6 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from hhtbench.arguments import Vector
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import Indices, find_pattern
 from hhtbench.lowering.compile.compiling import MOST_UNKNOWNS, route_of
@@ -22,7 +21,8 @@ from hhtbench.lowering.dynamics.jax_dynamics import kkt_entries
 from hhtbench.lowering.dynamics.kkt import kkt_residual, kkt_terms
 from hhtbench.lowering.dynamics.products import matrix_free
 from hhtbench.lowering.scalar_compiler import NotNative, count_operations, places_of
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import NumpySystem, System
 
 _counted = Cache(64)  # a second for some mechanisms
 

@@ -16,7 +16,7 @@ import scipy.sparse as sp
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.mass import Sparse
 from hhtbench.lowering.dynamics.regular import ReducedDynamics
-from hhtbench.protocol import PATTERNS, checked_patterns, declared
+from hhtbench.protocol.system import PATTERNS, checked_patterns, declared
 
 Patterns = dict[str, Any]  # by name: rows and columns (2, entries), ascending row by row
 NEEDED = {

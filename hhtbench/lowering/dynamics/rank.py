@@ -10,7 +10,7 @@ import scipy.sparse as sp
 from scipy.linalg import lapack, qr
 from scipy.sparse.linalg import splu
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.protocol.arguments import Matrix, Vector
 
 RANK_TOLERANCE = 1e-10  # of unit rows: a dependent row has no more than roundoff left
 NO_SHARE = 1e-12  # of unit rows: what a dependent row has of another by roundoff

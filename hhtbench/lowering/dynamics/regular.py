@@ -20,13 +20,13 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import ProblemError
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.mass import mass_at
-from hhtbench.protocol import declared
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import declared
 
 LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order differences is far below
 _changed = Cache(64)

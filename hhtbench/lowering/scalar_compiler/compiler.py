@@ -11,7 +11,6 @@ from typing import Any, Concatenate
 
 import numpy as np
 
-from hhtbench.counting import preparing
 from hhtbench.lowering.caching import Cache, kept_on_disk
 from hhtbench.lowering.flattening import Flat, Tree, flat_function, jitted
 from hhtbench.lowering.scalar_compiler.dependencies import needed, pattern
@@ -19,6 +18,7 @@ from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
 from hhtbench.lowering.scalar_compiler.store import CALLS, CODES, ZERO, Ids, NotNative, TooLarge
+from hhtbench.solution.counting import preparing
 
 FORMAT = 3  # of how object code is generated; part of the name of its file
 MOST_OPERATIONS = 100_000  # written down: tracing, lowering and generating them takes some ten seconds

@@ -15,12 +15,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from hhtbench.counting import preparing
 from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement
 from hhtbench.lowering.scalar_compiler.dependencies import depending, needed, operands
 from hhtbench.lowering.scalar_compiler.graph import Graph
 from hhtbench.lowering.scalar_compiler.interpreter import Interpreter, Nodes, Unknown, Value
 from hhtbench.lowering.scalar_compiler.store import BOOLEAN, CALLS, CODES, NAMES, Ids, NotNative
+from hhtbench.solution.counting import preparing
 
 RULE_BOOKS = (control, elementwise, linear_algebra, movement)  # importing them registers their rules
 GROWTH = 10  # nodes made for each that is kept, at most: derivatives make many that turn out not to be needed

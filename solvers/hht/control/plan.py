@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.request import StepPlan
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Vector
+from hhtbench.solution.request import StepPlan
+from hhtbench.solution.result import Status
 from solvers._start import Failure
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.control.first_step import STILL

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.errors import ProblemError
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.errors import ProblemError
 from solvers.hht.equations.formulas import CERTAIN, relative_tolerance, roundoff_of
 from solvers.hht.step.state import State
 from solvers.hht.step.stopping import weigh_part

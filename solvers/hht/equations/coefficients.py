@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from hhtbench.arguments import real_number
-from hhtbench.errors import ProblemError
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
 
 REACTIONS = ("implicit", "predictor", "midpoint", "midpoint_predictor")
 STARTS = ("f0", "shifted", "trapezoidal")

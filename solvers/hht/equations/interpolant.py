@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import ProblemError
-from hhtbench.result import DenseOutput
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import DenseOutput
 from solvers.hht.equations.formulas import cubic, smooth_rise
 
 

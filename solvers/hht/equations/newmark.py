@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import Dynamics, Structure
+from hhtbench.protocol.errors import ProblemError
 from solvers.hht.equations.coefficients import Method, NewmarkWeights
 from solvers.hht.equations.discretise import accelerate, columns, scaled_mass
 from solvers.hht.equations.known import Layout, start_of

@@ -13,12 +13,12 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from hhtbench.arguments import Vector, positive_integer, real_values
-from hhtbench.counting import Work
-from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, Native, native
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.derive import parameters_of
+from hhtbench.protocol.arguments import Vector, positive_integer, real_values
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.solution.counting import Work
 from solvers._finite import expect_finite
 from solvers.hht.events.scan import EXTRA
 from solvers.kernel.memory import DIRECTIONS, SAMPLES, Memory, integer_view

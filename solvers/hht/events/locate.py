@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import brentq
 
-from hhtbench.arguments import Vector
-from hhtbench.counting import Work
+from hhtbench.protocol.arguments import Vector
+from hhtbench.solution.counting import Work
 from solvers.hht.equations.formulas import crosses
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, value_of

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.counting import Work
+from hhtbench.protocol.arguments import Vector
+from hhtbench.solution.counting import Work
 from solvers.hht.events.event import Event, value_of
 from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS

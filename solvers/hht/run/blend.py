@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
+from hhtbench.protocol.arguments import Matrix, Vector
 
 AROUND = np.arange(-1, 3)  # the ends of a row's step, and one before and behind
 OUTER = [0, 3]

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from hhtbench.arguments import Matrix, Vector, all_finite
-from hhtbench.counting import Work, uncounted
-from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import route_of
-from hhtbench.protocol import declared
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Matrix, Vector, all_finite
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.system import declared
+from hhtbench.solution.counting import Work, uncounted
+from hhtbench.solution.result import Status
 from solvers._finite import as_arguments
 from solvers._projection import Projection
 from solvers._start import Failure, Place
@@ -72,7 +72,7 @@ def cause_at(engine: Engine, status: Status, place: State | Place, h: float, *, 
 
 
 def diagnosed(system: Any, options: Any, status: Status, place: Place, h: float, *, finest: float, rate: float) -> str:
-    """The cause of the end of a run of HHT with ``status`` at ``place``, for :meth:`~hhtbench.result.Solution.diagnose`."""
+    """The cause of the end of a run of HHT with ``status`` at ``place``, for :meth:`~hhtbench.Solution.diagnose`."""
     engine = make_engine(system, options, place, Work(), controlled=finest > 0.0)
     return cause_at(engine, status, place, h, finest=finest, rate=rate)
 

@@ -17,10 +17,10 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from hhtbench.errors import ProblemError
 from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
-from hhtbench.protocol import NumpySystem, System
-from hhtbench.result import Counters
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, System
+from hhtbench.solution.result import Counters
 from solvers._start import Place
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput

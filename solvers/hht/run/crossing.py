@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from solvers._projection import PROJECTED
 from solvers._start import Failure
 from solvers._start import Place as Start

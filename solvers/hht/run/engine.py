@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import Work
-from hhtbench.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.dynamics.jax_dynamics import VariableMass
 from hhtbench.lowering.dynamics.mass import plain_mass
-from hhtbench.protocol import NumpySystem, System, declared
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.protocol.system import NumpySystem, System, declared
+from hhtbench.solution.counting import Work
 from solvers._finite import explain_nonfinite
 from solvers._start import Guesses, Place, of_dynamics, points_of, usable
 from solvers.hht.control.first_step import plan_first_step

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
 from hhtbench.lowering import Structure
-from hhtbench.result import StepsData
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.solution.result import StepsData
 from solvers._projection import sizes_from
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Occurrence
@@ -216,7 +216,7 @@ class History:
         return self._remarks + [f"Event {name!r}{times[count]}: {note}" for (name, note), count in notes.items()]
 
     def _events(self) -> dict[str, Any]:
-        """Times and states of the events, as :class:`~hhtbench.result.Solution` names them."""
+        """Times and states of the events, as :class:`~hhtbench.Solution` names them."""
         found, n = self._occurrences, self._layout.n
         if not found:
             return {}

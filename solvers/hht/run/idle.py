@@ -7,7 +7,7 @@ from typing import Any
 
 from hhtbench.lowering.caching import by_id
 from hhtbench.lowering.dynamics.derive import parameters_of
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.system import NumpySystem, System
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.engine import Engine
 

@@ -7,10 +7,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.counting import Work, uncounted
-from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics, Structure
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.solution.counting import Work, uncounted
 from solvers._projection import Projection
 
 FREE = 0.1  # of a displacement: what constraints leave free of more may be a motion that steps do not resolve

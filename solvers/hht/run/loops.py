@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.counting import Work
-from hhtbench.errors import NonFiniteValue, ProblemError
 from hhtbench.lowering.dynamics.callbacks import Callbacks
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.errors import NonFiniteValue, ProblemError
+from hhtbench.solution.counting import Work
 from solvers._start import Guesses, Place
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import BudgetSpent
 from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, conjugate
 from hhtbench.lowering.dynamics.products import paying_products
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import BudgetSpent
 from solvers._dense import OnConstraints
 from solvers._projection import OneByOne, Unmet, near
 from solvers.hht.run.engine import Engine

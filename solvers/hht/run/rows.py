@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import Matrix
-from hhtbench.errors import NonFiniteValue
+from hhtbench.protocol.arguments import Matrix
+from hhtbench.protocol.errors import NonFiniteValue
 from solvers.hht.run.blend import blend
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import MachineCode

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from scipy import linalg
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.counting import check_time
-from hhtbench.errors import BudgetSpent, NonFiniteValue
 from hhtbench.lowering import Dynamics
 from hhtbench.lowering.dynamics.regular import redundant_rows
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.solution.counting import check_time
+from hhtbench.solution.result import Status
 from solvers._projection import Projection
 from solvers._start import Failure
 from solvers._start import Place as Start

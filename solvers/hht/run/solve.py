@@ -10,13 +10,13 @@ from typing import Any
 import jax
 import numpy as np
 
-from hhtbench.arguments import check_interval, real_number, real_vector
-from hhtbench.checks.times import unresolved
-from hhtbench.counting import Clock, Work
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import padded
-from hhtbench.request import ADDS_UP, Request, StepPlan, check_output_times, has_zero, plan_steps
-from hhtbench.result import Solution, Status
+from hhtbench.protocol.arguments import check_interval, real_number, real_vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.counting import Clock, Work
+from hhtbench.solution.request import ADDS_UP, Request, StepPlan, check_output_times, has_zero, plan_steps
+from hhtbench.solution.result import Solution, Status
+from hhtbench.solution.times import unresolved
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
@@ -119,7 +119,7 @@ class Integration:
         return str(plan.by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max())))
 
     def _diagnosis(self, end: Failure) -> dict[str, Any]:
-        """What :meth:`~hhtbench.result.Solution.diagnose` calls after a failure."""
+        """What :meth:`~hhtbench.Solution.diagnose` calls after a failure."""
         if self.stepper is None or end.status in (Status.success, Status.event):
             return {}
         t, q, v = (x[-1] for x in self.history.last(1))

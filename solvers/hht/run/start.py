@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Vector, real_number, real_vector
-from hhtbench.counting import Work
-from hhtbench.errors import ProblemError
 from hhtbench.lowering.dynamics.regular import AugmentedDynamics
-from hhtbench.protocol import NumpySystem, System
+from hhtbench.protocol.arguments import Vector, real_number, real_vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import NumpySystem, System
+from hhtbench.solution.counting import Work
 from solvers._initcond import consistent_start, start_acceleration
 from solvers._projection import Projection, closest
 from solvers._start import Failure, Guesses, Place, dynamics_for, tried_twice

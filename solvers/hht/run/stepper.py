@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import BudgetSpent, NonFiniteValue
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.solution.result import Status
 from solvers._initcond import project
 from solvers._projection import PROJECTED, sizes_from
 from solvers._start import CORRECT, Failure, Place, budget_failure, of_dynamics, violations

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.arguments import real_number
-from hhtbench.errors import ProblemError
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import real_number
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.result import Status
 from solvers._start import Failure, Place
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.control.plan import ByError, Constant, Plan

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.filled import Filled
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.solution.filled import Filled
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,9 +8,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from hhtbench import list_problems
-from hhtbench.evidence import Curve, Evidence, Plot, Row
-from hhtbench.reference.plan import registered_plans, validated_spec
-from hhtbench.request import Request
+from hhtbench.campaign.reference.plan import registered_plans, validated_spec
+from hhtbench.protocol.evidence import Curve, Evidence, Plot, Row
+from hhtbench.solution.request import Request
 from solvers.hht.verify.measure import Run, run
 from solvers.hht.verify.study import Progress, collected, judged_row, order_row, run_all, shown_row, slope
 

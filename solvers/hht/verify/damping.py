@@ -18,9 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.evidence import Curve, Evidence, Plot, Row
-from hhtbench.protocol import System, parameter
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.evidence import Curve, Evidence, Plot, Row
+from hhtbench.protocol.system import System, parameter
 from solvers.hht.solver import HHT
 from solvers.hht.verify.measure import solved, step_by_hand
 from solvers.hht.verify.study import ALPHAS, NAMES, Method, Progress, Study, below_row, judged_row, verify

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from hhtbench.evidence import Curve, Plot, Row
+from hhtbench.protocol.evidence import Curve, Plot, Row
 from solvers.hht.verify.measure import Case, alternating, integrate, refine
 from solvers.hht.verify.study import below_row
 

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from hhtbench import load_problem
-from hhtbench.arguments import Matrix, Vector
-from hhtbench.errors import ProblemError
 from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, derive
-from hhtbench.protocol import Motion, Problem
-from hhtbench.request import Request
-from hhtbench.result import Solution, Status
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Motion, Problem
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Solution, Status
 from solvers.hht.adapter import solver
 from solvers.hht.solver import HHT
 from solvers.hht.step.state import State

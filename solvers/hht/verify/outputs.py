@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench import list_problems, load_problem
-from hhtbench.arguments import Matrix
-from hhtbench.evidence import Evidence, Row
+from hhtbench.campaign.reference.plan import registered_plans, validated_spec
 from hhtbench.lowering import derive
-from hhtbench.protocol import Problem
-from hhtbench.reference.plan import registered_plans, validated_spec
+from hhtbench.protocol.arguments import Matrix
+from hhtbench.protocol.evidence import Evidence, Row
+from hhtbench.protocol.system import Problem
 from solvers.hht.events.event import Event
 from solvers.hht.solver import HHT
 from solvers.hht.verify.control import MAX_SECONDS, TOLERANCES

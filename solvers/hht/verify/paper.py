@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.evidence import Evidence, Row
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.evidence import Evidence, Row
 from solvers.hht.solver import HHT
 from solvers.hht.verify.damping import OSCILLATOR
 from solvers.hht.verify.figures import pendulum_figures, test1_figures

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from hhtbench.arguments import Vector
-from hhtbench.evidence import Evidence, Row
-from hhtbench.result import Solution
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.evidence import Evidence, Row
+from hhtbench.solution.result import Solution
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
 from solvers.hht.solver import HHT
 from solvers.hht.verify.measure import Case, errors, integrate, scaled_drift

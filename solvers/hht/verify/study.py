@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.evidence import Evidence, Plot, Row
-from hhtbench.processes import worker_processes
+from hhtbench.protocol.evidence import Evidence, Plot, Row
+from hhtbench.runtime.processes import worker_processes
 
 Progress = Callable[[str, int, int], None]  #: what is counted, done of it, all of it
 Study = tuple[Any, ...]  # a function that returns its rows and plots, and its arguments; worker processes can be sent both

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from hhtbench import list_problems, load_problem
-from hhtbench.arguments import Vector
 from hhtbench.conformance.scenes.linkages import DoublePendulum
 from hhtbench.conformance.scenes.pendulum import GRAVITY
-from hhtbench.evidence import Evidence, Row
-from hhtbench.protocol import Motion
-from hhtbench.request import Request
-from hhtbench.result import Status
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.evidence import Evidence, Row
+from hhtbench.protocol.system import Motion
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Status
 from solvers.hht.solver import HHT
 from solvers.hht.step.state import State
 from solvers.hht.verify.measure import FLOOR, Run, run, solved, step_by_hand

@@ -12,10 +12,10 @@ import scipy.sparse as sp
 from scipy.linalg import cython_lapack
 from scipy.sparse.linalg import splu
 
-from hhtbench.arguments import Vector
 from hhtbench.lowering import Native
 from hhtbench.lowering.compile.coloured import Indices, Pattern
 from hhtbench.lowering.dynamics.callbacks import Callbacks
+from hhtbench.protocol.arguments import Vector
 from solvers.kernel import memory as mem
 from solvers.kernel.linear.matrix import PRODUCT
 from solvers.kernel.linear.order import Order, find_order

@@ -12,7 +12,7 @@ from typing import Any
 
 import hhtbench  # noqa: F401 - 64 bit before anything else
 from hhtbench.campaign.machine import machine_facts
-from hhtbench.evidence import plain
+from hhtbench.protocol.evidence import plain
 from tests.performance.chain import measure_chains
 from tests.performance.engine.clock import BROKEN
 from tests.performance.engine.compiling import measure_compiling

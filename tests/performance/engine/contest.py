@@ -14,16 +14,16 @@ from pathlib import Path
 from typing import Any
 
 from hhtbench import load_problem, load_solver
-from hhtbench.analysis import fronts, points
-from hhtbench.analysis.cells import SUBJECT, Point, by_entry, family
-from hhtbench.analysis.fronts import STEADY, Cost, Front, constrained_levels, cost_at, holds, pareto
 from hhtbench.campaign import Campaign, Grid, run_campaign
+from hhtbench.campaign.analysis import fronts, points
+from hhtbench.campaign.analysis.cells import SUBJECT, Point, by_entry, family
+from hhtbench.campaign.analysis.fronts import STEADY, Cost, Front, constrained_levels, cost_at, holds, pareto
 from hhtbench.campaign.execute import machine_limits
+from hhtbench.campaign.reference.plan import registered_plans, validated_spec
 from hhtbench.campaign.run import request_of, without_output
-from hhtbench.protocol import Problem, declared
-from hhtbench.reference.plan import registered_plans, validated_spec
-from hhtbench.registry import list_problems
-from hhtbench.store import RunRow, Store
+from hhtbench.campaign.store import RunRow, Store
+from hhtbench.catalogue.registry import list_problems
+from hhtbench.protocol.system import Problem, declared
 from tests.performance.engine.clock import BROKEN, HOLDS, UNDECIDED, compare
 
 TARGETS = (1e-2, 1e-3, 1e-4)  # achieved scaled errors

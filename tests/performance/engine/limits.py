@@ -10,8 +10,8 @@ import warnings
 from typing import Any
 
 import hhtbench as hb
-from hhtbench.reference.plan import registered_plans, validated_spec
-from hhtbench.registry import list_problems
+from hhtbench.campaign.reference.plan import registered_plans, validated_spec
+from hhtbench.catalogue.registry import list_problems
 from tests.performance.engine.clock import BROKEN, HOLDS, compare, unmeasured
 
 STEP_LIMITS = {"bricard": 0.35e-3, "fekete(t_end=100)": 0.12e-3, "flyball_governor(t_end=1)": 0.2e-3}  # [s]

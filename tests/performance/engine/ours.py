@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.protocol import Problem
-from hhtbench.result import Solution
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import Solution
 from solvers.hht import HHT
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from tabulate import tabulate
 
-from hhtbench.analysis.fronts import STEADY
+from hhtbench.campaign.analysis.fronts import STEADY
 from hhtbench.report import colours
 from hhtbench.report.chart import axis, layout_of
 from hhtbench.report.drawings import Drawings

@@ -15,8 +15,8 @@ import numpy as np
 from scipy import integrate
 
 import hhtbench as hb
-from hhtbench.protocol import Problem
-from hhtbench.request import make_request
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.request import make_request
 from solvers.explicit.steps import NOTHING, CompiledSteps
 from solvers.hht import HHT
 from tests.performance.engine.clock import compare, unmeasured

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.result import Solution
+from hhtbench.solution.result import Solution
 from solvers.hht import HHT
 from tests.performance.engine import baselines
 from tests.performance.engine.baselines import ALPHA, Case, End

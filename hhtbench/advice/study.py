@@ -1,0 +1,203 @@
+"""``hhtbench study selection``: how much worse advice is than the best in hindsight, on what it has not seen."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tabulate import tabulate
+
+from hhtbench.advice.candidates import CANDIDATES, campaign_for
+from hhtbench.advice.criteria import Criteria
+from hhtbench.advice.database import HELD, Database, Scene, read_database, reduced, write_database
+from hhtbench.advice.families import drawn
+from hhtbench.advice.features import Probe, probe
+from hhtbench.advice.regret import Line, judge
+from hhtbench.campaign import run_campaign
+from hhtbench.campaign.analysis.fronts import MEASURES
+from hhtbench.campaign.campaign import Progress
+from hhtbench.campaign.execute import machine_limits
+from hhtbench.campaign.references import auto_references
+from hhtbench.campaign.store import RunRow, Store, load_rows
+from hhtbench.catalogue.registry import load_problem
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.runtime.processes import worker_processes
+
+RULES: dict[str, Any] = {  # of the campaign over the drawn scenes
+    "accuracies": (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6),
+    "refinements": 12,
+    "repeats": 2,
+    "counting": False,
+    "reference": "auto",
+}
+REFERENCE_SECONDS = 8.0  # of each solve of a certificate
+HELD_OUT: dict[str, Callable[[Scene, Scene], bool]] = {
+    "problem": lambda one, other: one.spec == other.spec,
+    "family": lambda one, other: one.family == other.family,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Judgement:
+    """All policies for one measure and bound of the drift."""
+
+    held_out: str  #: "problem" or "family"
+    on: str
+    drift: float | None
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """What :func:`study_selection` found."""
+
+    scenes: int
+    families: int
+    judgements: tuple[Judgement, ...]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain values, for JSON."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        return "\n\n".join([f"{self.scenes} scenes of {self.families} families", *map(_table, self.judgements)])
+
+
+def study_selection(
+    *,
+    store: Path | None = None,
+    scenes: int | None = None,
+    seconds: float = 2.0,
+    jobs: int | None = None,
+    database: Path | None = None,
+    tell: Callable[[str], None] = lambda text: None,
+    progress: Progress | None = None,
+) -> Study:
+    """Judge the advice of a database; with ``scenes`` or ``store`` of one that is made from their rows.
+
+    Parameters
+    ----------
+    store
+        SQLite file of the rows; without ``scenes`` those that it holds are taken.
+    scenes
+        How many of the drawn scenes are run, all families in turn; None: none.
+    seconds
+        Of each solver on each scene [s].
+    database
+        Where the reduced rows go, for ``select``; None: nowhere.
+    tell
+        What happens, a line each.
+    progress
+        Which part is run, how much of it is done, and of how much.
+
+    Raises
+    ------
+    ProblemError
+        There are no rows, or they are of fewer than three families.
+    """
+    if store is None and scenes is None:
+        if database is not None:
+            raise ProblemError("a database is made from rows: give --store with some, or --scenes to run.")
+        return judged(read_database())
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "runs.sqlite" if store is None else store
+        rows = (
+            _run(drawn()[:: max(1, len(drawn()) // scenes)][:scenes], file, seconds, jobs, tell, progress)
+            if scenes
+            else load_rows(file)
+        )
+    specs = list(dict.fromkeys(row.problem for row in rows))
+    tell(f"looking at {len(specs)} problems")
+    made = reduced(rows, probes_of(specs, jobs or 1, tell))
+    if database is not None:
+        write_database(made, database, f"hhtbench study selection --scenes {len(specs)} --store FILE --database FILE")
+    return judged(made)
+
+
+def judged(database: Database) -> Study:
+    """Each problem, and each family, held out in turn."""
+    families = {scene.family for scene in database.scenes}
+    if len(families) < 3:
+        raise ProblemError(f"scenes of at least three families are needed to hold one out; these are of {len(families)}.")
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Mean of empty slice", RuntimeWarning)  # errors that nobody reaches have no vote
+        found = [
+            Judgement(held_out=name, on=on, drift=drift, lines=judge(database, _criteria(on, drift), same))
+            for name, same in HELD_OUT.items()
+            for on in MEASURES
+            for drift in HELD
+        ]
+    return Study(scenes=len(database.scenes), families=len(families), judgements=tuple(found))
+
+
+def _criteria(on: str, drift: float | None) -> Callable[[float], Criteria]:
+    return lambda accuracy: Criteria(accuracies=(accuracy,), on=on, drift=drift)
+
+
+def _run(
+    specs: Sequence[str],
+    file: Path,
+    seconds: float,
+    jobs: int | None,
+    tell: Callable[[str], None],
+    progress: Progress | None,
+) -> tuple[RunRow, ...]:
+    """The usual candidates on drawn scenes, as a campaign; what ``file`` holds is not run again."""
+    campaign = campaign_for(specs, CANDIDATES, max_seconds=seconds / 2, pair_seconds=seconds, **RULES)
+    limits = machine_limits(jobs)
+    with Store(file) as rows:
+        references = auto_references(campaign, file, limits.jobs, tell, REFERENCE_SECONDS)
+        return run_campaign(campaign, rows, limits=limits, references=references, progress=progress).rows
+
+
+def probes_of(specs: Sequence[str], jobs: int, tell: Callable[[str], None]) -> dict[str, Probe]:
+    """Of those that can be looked at; each in a process that has no other."""
+    found = {}
+    with worker_processes(jobs) as pool:
+        for spec, made in zip(specs, pool.map(_probed, specs), strict=True):
+            if isinstance(made, str):
+                tell(f"{spec}: {made}")
+            else:
+                found[spec] = made
+    return found
+
+
+def _probed(spec: str) -> Probe | str:
+    warnings.simplefilter("ignore")
+    try:
+        return probe(load_problem(spec))
+    except (ProblemError, TypeError) as error:
+        return str(error)
+
+
+def _answers(line: Line) -> str:
+    """Shares of answers and of right ones, and the 95th percentile of their regret; the same where there is none."""
+    if math.isnan(line.right):
+        return ""
+    silent = "" if math.isnan(line.silent) else f"; the rest: {line.silent:.0%}, 95 % {line.silent_high:.2g}"
+    return f"{line.spoken:.0%}: {line.right:.0%} within 2x, 95 % {line.right_high:.2g}{silent}"
+
+
+def _table(judgement: Judgement) -> str:
+    body = [
+        [
+            line.policy,
+            f"{line.median:.2f}",
+            f"{line.high:.3g}",
+            f"{line.mean:.2f}",
+            f"{line.twice:.0%}",
+            f"{line.closed:.2f} ({line.interval[0]:.2f} to {line.interval[1]:.2f})",
+            f"{line.gain[0]:.2f} to {line.gain[1]:.2f}",
+            _answers(line),
+        ]
+        for line in judgement.lines
+    ]
+    held = "any drift" if judgement.drift is None else f"drift at most {judgement.drift:g}"
+    heads = ["", "median", "95 %", "mean", "within 2x", "closed gap", "log regret over fixed, median", "answers"]
+    title = f"{judgement.on}, {held}, every {judgement.held_out} held out in turn: regret\n"
+    return title + tabulate(body, headers=heads, disable_numparse=True)

@@ -1,0 +1,116 @@
+"""Runs of equal accuracy, and what runs have kept over time; drift against cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.campaign.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, by_problem, family, point, points, typical
+from hhtbench.campaign.analysis.fronts import Cost, fronts
+from hhtbench.campaign.store.rows import RunRow
+
+MOST_COMPONENTS = 3  # of the multipliers drawn over time: more lines cannot be told apart
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeSeries:
+    """One quantity of one run over time."""
+
+    point: Point
+    t: tuple[float, ...]  #: [s]
+    value: tuple[float | None, ...]
+    component: int | None = None  #: of a vector, from 0
+
+
+def equally_accurate(rows: Iterable[RunRow], error: float = TYPICAL_ERROR) -> dict[str, tuple[Point, ...]]:
+    """Entry -> on each problem its run nearest to ``error``, where that is within the factor ``NEAR`` of it."""
+    found: dict[str, tuple[Point, ...]] = {}
+    for groups in by_problem(points(rows)).values():
+        for entry, runs in groups.items():
+            run = typical(runs, error)
+            near = run.error is not None and error / NEAR <= run.error <= error * NEAR
+            found[entry] = (*found.get(entry, ()), *((run,) if near else ()))
+    return found
+
+
+def drift_series(rows: Iterable[RunRow], level: str) -> tuple[TimeSeries, ...]:
+    """Over time, of the rows that kept any: drift at one level, change of energy, or of an invariant by its name."""
+    if level == "acceleration":
+        measured = [row for row in rows if point(row).acceleration is not None]
+        return _series((row, row.series.get("acceleration") or {}, "value") for row in measured)
+    kept = [(row, row.series.get("drift") or {}) for row in rows]
+    return _series((row, {**(found.get("invariants") or {}), **found}, level) for row, found in kept)
+
+
+def invariant_names(rows: Iterable[RunRow]) -> tuple[str, ...]:
+    """Invariants that some row kept over time."""
+    found = [(row.series.get("drift") or {}).get("invariants") or {} for row in rows]
+    return tuple(dict.fromkeys(name for names in found for name in names))
+
+
+def _series(found: Iterable[tuple[RunRow, Mapping[str, Any], str]]) -> tuple[TimeSeries, ...]:
+    return tuple(
+        TimeSeries(point=point(row), t=tuple(series["t"]), value=tuple(series[name]))
+        for row, series, name in found
+        if series.get("t") and series.get(name)
+    )
+
+
+def multiplier_series(rows: Sequence[RunRow], name: str) -> tuple[TimeSeries, ...]:
+    """``lam`` or ``mu`` over time: of every row the same ``MOST_COMPONENTS`` components, the largest over all rows."""
+    kept = []
+    for row in rows:
+        series = row.series.get("multipliers") or {}
+        values = np.array(series.get(name) or [[]], dtype=np.float64)  # null, a value that is not finite, becomes NaN
+        if values.ndim == 2 and values.size and len(series["t"]) == len(values):
+            kept.append((row, tuple(series["t"]), values))
+    if not kept:
+        return ()
+    largest = np.max(
+        [np.nan_to_num(np.abs(values)).max(axis=0) for row, _, values in kept if row.success] or [[0.0]], axis=0
+    )
+    chosen = sorted(np.argsort(-largest, kind="stable")[:MOST_COMPONENTS].tolist())
+    return tuple(
+        TimeSeries(
+            point=point(row), t=t, value=tuple(None if np.isnan(x) else float(x) for x in values[:, index]), component=index
+        )
+        for row, t, values in kept
+        for index in chosen
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriftCost:
+    """One solver on one problem, at one error."""
+
+    problem: str
+    cost: Cost
+    own: Cost  #: of HHT's cheapest entry
+    drift: float  #: the larger of position and velocity, scaled, of the run at the accurate end
+
+    @property
+    def ratio(self) -> float:
+        """Its cost over that of HHT's cheapest entry."""
+        return self.cost.value / self.own.value
+
+    @property
+    def bound(self) -> bool:
+        """Whether either cost is only an upper bound, so that the ratio is none of costs at this error."""
+        return self.cost.bound or self.own.bound
+
+
+def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ERROR) -> dict[str, tuple[DriftCost, ...]]:
+    """Entry -> one for each problem with constraints where both it and HHT reach ``target``."""
+    found: dict[str, list[DriftCost]] = {}
+    for front in fronts(rows, measure, (target,)):
+        own = next((cost for cost in front.costs if family(cost.entry) == SUBJECT), None)
+        if own is None:
+            continue
+        for cost in front.costs:
+            if cost.run.drift is not None:
+                line = DriftCost(problem=front.problem, cost=cost, own=own, drift=cost.run.drift)
+                found.setdefault(cost.entry, []).append(line)
+    return {entry: tuple(lines) for entry, lines in found.items()}

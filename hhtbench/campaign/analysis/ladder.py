@@ -1,0 +1,179 @@
+"""The ladder of settings of one solver on one problem: which is asked for next, or why there is no further one.
+
+The same for every solver: it starts at ``FIRST``, every next setting is finer and aims at the loosest target not reached, by
+the slope of the errors so far.  It ends when all targets are reached or at a stated cap.  Nothing but the runs and the rules
+decides, so that a resumed campaign asks for nothing twice, and the report can say why a target was not reached.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from hhtbench.campaign.analysis.cells import Point, Rules
+
+FIRST = {"rtol": 3e-2, "steps": 1.0 / 10}  #: coarsest setting, of every solver; a number of steps by its inverse
+FINEST = {"rtol": 1e-13, "steps": 1e-9}  # SciPy takes no smaller tolerance than 2e-14
+SLOPES = {
+    "rtol": (0.5, 1.5),
+    "steps": (1.0, 4.0),
+}  # of error against setting, both logarithmic; measured ones are clipped to it
+USUAL = {"rtol": 1.0, "steps": 2.0}  # slope before two errors are known
+MOST = {"rtol": 30.0, "steps": 10.0}  # times finer at once
+LEAST = 1.4  # times finer at least: less would hardly change the error
+AGAIN = 10.0  # times finer after a run that failed before any has succeeded
+BEYOND = 3.0  # times finer than a failure that may have been a single one
+AIM = 0.6  # of the target: a run that misses it by little costs another
+BETTER = 0.9  # of the best error so far: what a finer run must stay below to count as an improvement
+STANDSTILL = {"rtol": 3, "steps": 2}  # finer runs in a row without improvement that end a ladder, each ``MOST`` finer
+FAILURES = 2  # runs finer than the finest success that fail, the same
+EARLY = 6  # runs that fail before any has succeeded, the same: a loose tolerance may be too loose for what a check bears
+BROKEN = ("crashed", "out_of_memory")  #: statuses that come from no tolerance: ``FAILURES`` of them end a ladder at once
+CAPS = ("deadline", "max_steps", "evaluation_budget")  #: statuses of a run that used up what a run may use
+
+
+@dataclass(frozen=True, kw_only=True)
+class End:
+    """Why a ladder has no further setting."""
+
+    kind: str  #: "reached", "unjudged", "refused", "capped", "fails" or "standstill"
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Next:
+    """The next run."""
+
+    value: float  #: relative tolerance, or 1 / number of steps
+    seconds: float  #: what it may take [s]
+
+
+def next_setting(runs: Sequence[Point], rules: Rules, kind: str = "rtol") -> Next | End:
+    """What to run after ``runs`` (any order) of one solver on one problem; ``kind`` is "rtol" or "steps"."""
+    known = sorted(runs, key=lambda run: -run.setting.value)
+    if not known:
+        return Next(value=FIRST[kind], seconds=min(rules.max_seconds, rules.pair_seconds))
+    last, allowed = known[-1], _allowed(known, rules)
+    end = _ended(known, rules, kind) or _out_of_budget(known, rules, allowed)
+    if end is not None:
+        return end
+    value = _finer(known, rules, kind)
+    if value < FINEST[kind]:
+        return End(kind="capped", text=f"no finer setting than {last.setting.text} is asked for")
+    return Next(value=value, seconds=allowed)
+
+
+def _ended(known: Sequence[Point], rules: Rules, kind: str) -> End | None:
+    """Reached, refused, failed or no better."""
+    last = known[-1]
+    good = [run for run in known if run.success]
+    if last.status == "declined":
+        return End(kind="refused", text=f"refused: {last.message}")
+    if last.status in CAPS:
+        return End(kind="capped", text=_cap(last))
+    if good and all(run.error is None for run in good):
+        return End(kind="unjudged", text="no exact solution or reference to compare with")
+    if not _open(known, rules):
+        return End(kind="reached", text="every target that can be judged is reached")
+    if len(_failures(known)) >= (FAILURES if good or last.status in BROKEN else EARLY):
+        return _failed(known)
+    if _idle(good, rules) >= STANDSTILL[kind]:
+        text = f"no better when finer: error {good[-1].error:.2g} at {good[-1].setting.text}"
+        return End(kind="standstill", text=text)
+    return None
+
+
+def _cap(last: Point) -> str:
+    """What was used up, as short as it goes: the row holds the solver's own words."""
+    if last.status == "deadline" and last.spent is not None:
+        return f"more than {last.spent:.2g} s at {last.setting.text}"
+    return f"{last.status} at {last.setting.text}"
+
+
+def _failures(known: Sequence[Point]) -> Sequence[Point]:
+    """Runs finer than the finest success."""
+    places = [i for i, run in enumerate(known) if run.success]
+    return known[places[-1] + 1 :] if places else known
+
+
+def _failed(known: Sequence[Point]) -> End:
+    failed = _failures(known)
+    settings = f"{failed[0].setting.text} to {failed[-1].setting.text}" if len(failed) > 1 else failed[0].setting.text
+    return End(kind="fails", text=f"{failed[-1].status} at {settings}: {failed[-1].message}")
+
+
+def _out_of_budget(known: Sequence[Point], rules: Rules, allowed: float) -> End | None:
+    if len(known) >= rules.refinements:
+        return End(kind="capped", text=f"{rules.refinements} runs, the most of one solver on one problem")
+    if allowed <= (known[-1].spent or 0.0):  # a finer run takes longer
+        return End(
+            kind="capped",
+            text=f"what is left of {rules.pair_seconds:g} s is less than the run at {known[-1].setting.text} took",
+        )
+    return None
+
+
+def _allowed(known: Sequence[Point], rules: Rules) -> float:
+    """What the next run may take [s]."""
+    return min(rules.max_seconds, rules.pair_seconds - sum(run.spent or 0.0 for run in known))
+
+
+def _open(known: Sequence[Point], rules: Rules) -> list[float]:
+    """Targets that the reference can judge and no run has reached, the loosest first."""
+    limit = max(run.limit for run in known)
+    best = min((run.error for run in known if run.error is not None), default=math.inf)
+    return sorted((target for target in rules.accuracies if limit <= target < best), reverse=True)
+
+
+def _idle(good: Sequence[Point], rules: Rules) -> int:
+    """How many of the last runs are no better than the best before them, which had reached a target."""
+    best, idle = math.inf, 0
+    for error in (run.error for run in good if run.error is not None):
+        idle = idle + 1 if best <= max(rules.accuracies) and error > BETTER * best else 0
+        best = min(best, error)
+    return idle
+
+
+def _finer(known: Sequence[Point], rules: Rules, kind: str) -> float:
+    """The next setting: by the slope; before a failure halfway to it; beyond it where no room is left between."""
+    good, failed = [run for run in known if run.success], _failures(known)
+    if not good:
+        return rounded(known[-1].setting.value / AGAIN, known[-1].setting.value, kind)
+    finest = good[-1].setting.value
+    value = rounded(finest / _factor(known, rules, kind), finest, kind)
+    if not failed or value > LEAST * failed[0].setting.value:
+        return value
+    broken = failed[0].setting.value
+    if finest > LEAST**2 * broken:
+        return rounded(math.sqrt(finest * broken), finest, kind)
+    return rounded(broken / BEYOND, broken, kind)
+
+
+def _factor(known: Sequence[Point], rules: Rules, kind: str) -> float:
+    """How many times finer than the finest success the next setting is."""
+    good = [run for run in known if run.success]
+    last = good[-1]
+    if not last.error or last.error > max(rules.accuracies) or _idle(good, rules):
+        return MOST[kind]
+    ratio = last.error / (AIM * _open(known, rules)[0])
+    return min(max(ratio ** (1.0 / _slope(known, kind)), LEAST), MOST[kind])
+
+
+def _slope(known: Sequence[Point], kind: str) -> float:
+    """Of the last two runs with errors, as far as it is plausible."""
+    errors = [(run.setting.value, run.error) for run in known if run.error]
+    if len(errors) < 2:
+        return USUAL[kind]
+    (coarse, before), (fine, after) = errors[-2:]
+    low, high = SLOPES[kind]
+    return min(max(math.log(before / after) / math.log(coarse / fine), low), high)
+
+
+def rounded(value: float, before: float, kind: str) -> float:
+    """Two digits, finer than ``before``; a number of steps is whole."""
+    if kind == "steps":
+        count = math.ceil(float(f"{1.0 / value:.1e}"))
+        return 1.0 / max(count, round(1.0 / before) + 1)
+    short = float(f"{value:.1e}")
+    return short if short < before else value

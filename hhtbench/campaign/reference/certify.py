@@ -1,0 +1,232 @@
+"""One certified solution: several solvers at tight tolerance, the stored values, and how far the others are from them."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.campaign.reference.across import solve_across
+from hhtbench.campaign.reference.plan import Entry
+from hhtbench.catalogue.registry import load_problem, load_solver
+from hhtbench.checks.jumps import Jumps, find_jumps
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import Motion, Problem
+from hhtbench.solution.result import Counters, Solution, Status
+
+QUANTITIES = ("q", "v", "lam", "mu")
+SAFETY = 2.0  # two results may lie on one side of the truth
+FLOOR = 8 * float(np.finfo(np.float64).eps)  # smallest bar: the last bits of a stored double
+CLOSED = "closed solution"
+WORST_BAR = 1e-5  # scaled: what is less certain is not a reference
+NOTHING = 1e-9  # an observable that stays below is zero but for errors
+SAME_TIME = 1e-12  # of the interval: times that differ by rounding
+
+
+class UnknownJumpError(ProblemError):
+    """What a jump does to the motion is not known."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Confirmation:
+    """One other solver beside the stored values."""
+
+    solver: str
+    form: str
+    independent: bool  #: another family and another form
+    status: str
+    difference: dict[str, Vector]  #: quantity -> largest scaled difference at every time, (k,); empty unless it succeeded
+    seconds: float
+
+    @property
+    def confirms(self) -> bool:
+        """Whether its difference bounds the error."""
+        return self.independent and bool(self.difference)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certificate:
+    """Values at all times with their error bars."""
+
+    entry: Entry
+    t: Vector  #: (k,) [s]
+    values: dict[str, Matrix]  #: q, v, lam, mu and observables -> (k, size)
+    bars: dict[str, Vector]  #: the same -> (k,) scaled error bars, growing with time
+    scales: dict[str, Vector]  #: the same -> (size,)
+    confirmations: tuple[Confirmation, ...]
+    jumps: tuple[float, ...] = ()  #: times at which a prescribed velocity jumps [s]; no row lies there
+
+    @property
+    def certified(self) -> bool:
+        """Whether an independent method agrees to at least WORST_BAR in q and v."""
+        return all(float(np.max(self.bars[name])) <= WORST_BAR for name in ("q", "v"))
+
+    def digits(self, quantity: str) -> float:
+        """Decimal digits of ``quantity`` that its largest bar leaves."""
+        return float(-np.log10(np.max(self.bars[quantity], initial=FLOOR)))
+
+
+def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Certificate:
+    """Solve with every method of the entry and compare, piece by piece where prescribed velocities jump.
+
+    A closed solution counts as an independent method.  The bar also covers what the last bit of the start does to the stored
+    values: a start is known to a double only.
+
+    Raises
+    ------
+    ProblemError
+        The first solver does not reach the end, so there is nothing to store.
+    UnknownJumpError
+        What a jump does to the motion is not known.
+    """
+    problem = load_problem(entry.spec)
+    jumps, times = find_jumps(problem), times_of(entry, problem)
+    if jumps.declined:
+        raise UnknownJumpError(f"{jumps.declined}.")
+    at_jump = np.abs(times[:, None] - jumps.times) <= SAME_TIME * abs(problem.t_span[1] - problem.t_span[0])
+    case = _Case(entry=entry, problem=problem, jumps=jumps, times=times[~at_jump.any(axis=1)], tell=tell)
+    first, _ = case.solved(problem, entry.first, entry.rtol)
+    if not first.success:
+        raise ProblemError(f"{entry.name}: {entry.first} ended with {first.status.label}: {first.message}")
+    values = values_of(problem, first)
+    scales = scales_of(problem, values)
+    others = [case.confirmation(solver, values, scales) for solver in entry.second]
+    others += [] if problem.exact is None else [case.closed(values, scales)]
+    others += [case.moved_start(values, scales)] if any(other.confirms for other in others) else []
+    bars = {name: _bar(name, others, case.times.size) for name in values}
+    return Certificate(
+        entry=entry,
+        t=case.times,
+        values=values,
+        bars=bars,
+        scales=scales,
+        confirmations=tuple(others),
+        jumps=tuple(jumps.times.tolist()),
+    )
+
+
+def times_of(entry: Entry, problem: Problem) -> Vector:
+    """Stated times and grid, sorted, each once; a stated time wins over a point of the grid that equals it."""
+    t0, t1 = problem.t_span
+    stated = np.array(entry.times, dtype=np.float64)
+    outside = stated[(stated < min(t0, t1)) | (stated > max(t0, t1))]
+    if outside.size:
+        raise ProblemError(f"{entry.name}: the time {outside[0]:g} s lies outside of {entry.spec}, [{t0:g}, {t1:g}] s.")
+    grid = np.linspace(t0, t1, entry.grid + 1) if entry.grid else np.zeros(0)
+    near = np.min(np.abs(grid[:, None] - stated), axis=1, initial=np.inf) <= SAME_TIME * abs(t1 - t0)
+    return np.sort(np.concatenate([stated, grid[~near]]))
+
+
+def values_of(problem: Problem, solution: Solution) -> dict[str, Matrix]:
+    """Everything a reference holds, (k, size) each; quantities without entries are left out."""
+    found = {name: np.asarray(getattr(solution, name)) for name in QUANTITIES}
+    found = {name: values for name, values in found.items() if values.shape[1]}
+    rows = list(zip(solution.t, solution.q, solution.v, solution.lam, strict=True))
+    for name, function in problem.observables.items():
+        found[f"observable {name}"] = np.array([np.ravel(function(float(t), *state)) for t, *state in rows], dtype=float)
+    return found
+
+
+def scales_of(problem: Problem, values: dict[str, Matrix]) -> dict[str, Vector]:
+    """Typical sizes: the problem's, and the largest value of an observable."""
+    scales = {}
+    for name, rows in values.items():
+        own = getattr(problem.scales, name, None)
+        size = np.max(np.abs(rows), axis=0) if own is None else np.asarray(own, dtype=np.float64)
+        scales[name] = np.broadcast_to(np.where(size > NOTHING, size, 1.0), rows.shape[1:])
+    return scales
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Case:
+    """One entry being certified."""
+
+    entry: Entry
+    problem: Problem
+    jumps: Jumps
+    times: Vector
+    tell: Callable[[str], None]
+
+    def solved(self, problem: Problem, solver: str, rtol: float) -> tuple[Solution, float]:
+        """A solve with output at the times of the reference, and its seconds."""
+        self.tell(f"{self.entry.name}: {solver}")
+        started = time.perf_counter()
+        solution = solve_across(problem, solver, self.jumps, self.times, rtol=rtol, seconds=self.entry.seconds)
+        return solution, time.perf_counter() - started
+
+    def confirmation(self, solver: str, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
+        """Another solver beside the stored values."""
+        solution, seconds = self.solved(self.problem, solver, self.entry.second_rtol)
+        mine, other = load_solver(self.entry.first), load_solver(solver)
+        forms = str(getattr(mine, "form", "")), str(getattr(other, "form", ""))
+        return Confirmation(
+            solver=solver,
+            form=forms[1],
+            independent=_family(mine) != _family(other) and forms[0] != forms[1],
+            status=solution.status.label,
+            difference=_differences(values_of(self.problem, solution), values, scales) if solution.success else {},
+            seconds=seconds,
+        )
+
+    def closed(self, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
+        """The closed solution beside the stored values."""
+        exact = self.problem.exact
+        motions = [] if exact is None else [exact(float(t)) for t in self.times]
+        solution = _as_solution(self.times, motions)
+        difference = _differences(values_of(self.problem, solution), values, scales)
+        return Confirmation(solver=CLOSED, form="", independent=True, status="success", difference=difference, seconds=0.0)
+
+    def moved_start(self, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
+        """The first solver again from a start whose entries are moved to a neighbouring double, up and down in turn."""
+        sign = np.where(np.arange(self.problem.q0.size) % 2, -np.inf, np.inf)
+        q0, v0 = _neighbour(self.problem.q0, sign), _neighbour(self.problem.v0, -sign)
+        solution, seconds = self.solved(replace(self.problem, q0=q0, v0=v0), self.entry.first, self.entry.rtol)
+        return Confirmation(
+            solver=f"{self.entry.first} from a start moved by its last bit",
+            form=str(getattr(load_solver(self.entry.first), "form", "")),
+            independent=False,
+            status=solution.status.label,
+            difference=_differences(values_of(self.problem, solution), values, scales) if solution.success else {},
+            seconds=seconds,
+        )
+
+
+def _neighbour(x: Vector, direction: Vector) -> Vector:
+    """The next double towards ``direction``; zeros are exact and stay."""
+    return np.where(x == 0, x, np.nextafter(x, direction))
+
+
+def _as_solution(t: Vector, motions: list[Motion]) -> Solution:
+    q, v, lam, mu = (np.array(list(parts), dtype=np.float64) for parts in zip(*motions, strict=True))
+    return Solution(t=t, q=q, v=v, lam=lam, mu=mu, status=Status.success, message=CLOSED, counters=Counters())
+
+
+def _differences(found: dict[str, Matrix], values: dict[str, Matrix], scales: dict[str, Vector]) -> dict[str, Vector]:
+    return {name: np.max(np.abs(found[name] - rows) / scales[name], axis=1) for name, rows in values.items()}
+
+
+FAMILIES = {"Radau": "Radau IIA", "radau": "Radau IIA", "bdf": "BDF", "BDF": "BDF", "DOP853": "explicit Runge-Kutta"}
+
+
+def _family(solver: Any) -> str:
+    """Two codes of one method are one family."""
+    method = str(getattr(solver, "method", solver.name))
+    return FAMILIES.get(method, method)
+
+
+def _bar(name: str, others: list[Confirmation], count: int) -> Vector:
+    """Error bar at every time, not smaller than before it; infinite where nobody confirms.  The last is the moved start.
+
+    The distance to the closed solution where there is one, since that is the error; else SAFETY times the closest
+    independent disagreement; and what the last bit of the start does.
+    """
+    closed = [other for other in others if other.solver == CLOSED]
+    found = [other.difference[name] for other in closed or others if other.confirms]
+    if not found or not others[-1].difference:
+        return np.full(count, np.inf)
+    closest = min(found, key=lambda difference: float(np.max(difference)))
+    return np.maximum(SAFETY * np.maximum.accumulate(np.maximum(closest, others[-1].difference[name])), FLOOR)

@@ -1,0 +1,1 @@
+"""Problems, solvers and verifications by name: plugins, specs and files."""

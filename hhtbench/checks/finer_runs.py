@@ -1,0 +1,176 @@
+"""Runs of one solver, finer and finer, and what follows from their differences: a bound of the error and a limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.result import DenseOutput, ErrorEstimate, Solution
+
+FINER = {"rtol": 4.0, "steps": 2.0}  # between the two runs of a pair: both make a second-order error four times smaller
+CONTRACTS = 0.7  # largest ratio of one difference to that before it from which an error is estimated
+SAFETY = 1.5  # times the estimate: one and a half of what a geometric series leaves
+AGREEMENT = 5.0  # of the largest of two differences that do not contract, for the error
+SMALL = 0.1  # of the range of the motion: a difference below it should contract
+LEAST_SHARE = 1 / 3  # of the last difference, of solvers whose error is smooth: less is not believed, however fast it falls
+LEAST_SHARE_ELSE = 2 / 3  # of others, whose error falls with a power of the tolerance below one, and by leaps
+ORDER = {"rtol": 1.0, "steps": 2.0}  # of the error in the setting: of most solvers, and the least of those of steps
+ROUNDOFF = 1e-13  # scaled differences that are none
+AIM = 0.35  # of the error asked for that the finer run of the next pair aims at
+MOST_FINER = 1e4  # at once, of a tolerance
+
+
+@dataclass(frozen=True)
+class Run:
+    """One that succeeded."""
+
+    setting: float  #: tolerance, or one over the number of steps
+    solution: Solution
+
+
+class FinerRuns:
+    """The runs so far, each finer than that before it."""
+
+    def __init__(self, problem: Problem, kind: str) -> None:
+        """``kind`` is "rtol" or "steps"."""
+        self.problem, self.kind = problem, kind
+        self.smooth = False  #: errors are a smooth function of the setting
+        self.known = False  #: a solver of which it is known that it heeds its tolerances
+        self.bounded = False  #: by a longest step, so that runs may take the same steps
+        self.finer, self.order = FINER[kind], ORDER[kind]
+        self.runs: list[Run] = []
+        self.differences: list[float] = []  #: between neighbouring runs
+
+    @property
+    def _least_share(self) -> float:
+        """Of the last difference: what is believed to be left at least."""
+        return LEAST_SHARE if self.smooth else LEAST_SHARE_ELSE
+
+    def keep(self, run: Run) -> None:
+        """``run``, finer than all before it; of bounded steps those before it are forgotten if it took the same."""
+        if self.bounded and self.runs and taken(self.runs[-1]) == taken(run):
+            self.clear()
+        if self.runs:
+            self.differences.append(float(np.max(self.rows_apart(self.runs[-1].solution, run.solution))))
+        self.runs.append(run)
+
+    def clear(self) -> None:
+        """Forget all runs."""
+        self.runs.clear()
+        self.differences.clear()
+
+    def rows_apart(self, a: Solution, b: Solution) -> Vector:
+        """Scaled difference of q and v at every output time, (2, k)."""
+        scales = self.problem.scales
+        return np.array([_scaled(a.q - b.q, scales.q), _scaled(a.v - b.v, scales.v)])
+
+    def _is_pair(self, last: int = 1) -> bool:
+        """Whether the settings of a run, counted from the last, and of that before it differ by no more than a pair's."""
+        if len(self.runs) <= last:
+            return False
+        return self.runs[-last - 1].setting / self.runs[-last].setting <= 1.01 * self.finer
+
+    def bound(self) -> float | None:
+        """Of the last run's error, with SAFETY; None where the differences do not tell."""
+        if len(self.differences) < 2 or not self._is_pair():
+            return None
+        before, last = self.differences[-2:]
+        if max(before, last) <= ROUNDOFF and self._differ_in_work():
+            return ROUNDOFF
+        contraction, *others = self._ratios()[::-1]
+        if not contraction < CONTRACTS or (max(others, default=0.0) >= CONTRACTS and not others[0] < CONTRACTS):
+            return None  # where they did not contract once, chance may make one smaller: two in a row must be
+        first, second, third = (run.setting**self.order for run in self.runs[-3:])
+        proportional = before * third / (first - second)  # the last difference may be small by chance
+        return SAFETY * max(last * max(self._least_share, contraction / (1 - contraction)), proportional)
+
+    def agreement(self) -> float | None:
+        """Of the last run's error, where three runs are so near to one another that it matters little how they contract."""
+        if len(self.differences) < 2 or not self._is_pair():
+            return None
+        return AGREEMENT * max(self.differences[-2:]) if self._differ_in_work() else None
+
+    def _ratios(self) -> list[float]:
+        """Of every difference to that before it."""
+        return [b / a if a > 0.0 else math.inf for a, b in pairwise(self.differences)]
+
+    def stalls(self) -> int:
+        """How often a difference did not contract that was small beside the motion: coarse runs may be anywhere."""
+        last = self.runs[-1].solution if self.runs else None
+        if last is None:
+            return 0
+        ranges = [
+            np.ptp(x, axis=0) / np.asarray(s) for x, s in ((last.q, self.problem.scales.q), (last.v, self.problem.scales.v))
+        ]
+        small = SMALL * float(np.max(np.concatenate(ranges)))
+        return sum(
+            ratio >= CONTRACTS and ROUNDOFF < d < small
+            for ratio, d in zip(self._ratios(), self.differences[1:], strict=True)
+        )
+
+    def _differ_in_work(self) -> bool:
+        """Whether the last runs can be more than one run made again, which tells nothing.
+
+        They took different steps, or are of a solver that is known to heed its tolerances.
+        """
+        if self.known:
+            return True
+        return len(set(map(taken, self.runs[-3:]))) == len(self.runs[-3:])
+
+    def next_setting(self, accuracy: float, bound: float | None) -> float:
+        """The next setting: the other run of a pair, or the first of a pair whose finer run should reach the accuracy."""
+        last = self.runs[-1].setting
+        if not self._is_pair():
+            return last / self.finer
+        error = SAFETY * self._least_share * self.differences[-1] if bound is None else bound
+        share = 1.0 if error == 0.0 else max(AIM * accuracy / error, 1 / MOST_FINER)
+        wanted = last * self.finer * share ** (1 / self.order)
+        return wanted if wanted < last / self.finer**1.5 else last / self.finer
+
+    def estimate(self, asked: float, bound: float | None) -> ErrorEstimate | None:
+        """Of the last run, by row, where its largest is ``bound``; None of one run."""
+        if not self.differences:
+            return None
+        share = SAFETY * self._least_share if not self.differences[-1] else (bound or math.nan) / self.differences[-1]
+        apart = self.rows_apart(*(run.solution for run in self.runs[-2:]))
+        rows = apart * share if bound is not None else np.full_like(apart, np.nan)
+        lam = _scaled(self.runs[-2].solution.lam - self.runs[-1].solution.lam, self.problem.scales.lam) * share
+        return ErrorEstimate(
+            asked=asked,
+            bound=bound,
+            q=rows[0],
+            v=rows[1],
+            lam=lam if bound is not None else np.full_like(lam, np.nan),
+            differences=tuple(self.differences),
+            settings=tuple(run.setting if self.kind == "rtol" else round(1 / run.setting) for run in self.runs),
+        )
+
+    def extrapolated(self, bound: float | None) -> DenseOutput | None:
+        """The limit of the last two runs, on the constraints, where errors fall by four, as those of three runs show.
+
+        Offered of solvers whose error is a smooth function of the step, or of the tolerance (``smooth_error``), of motions
+        without events.
+        """
+        if bound is None or not (self.smooth and self._is_pair() and self._is_pair(2)):
+            return None
+        before, last = self.differences[-2:]
+        coarse, fine = (run.solution for run in self.runs[-2:])
+        if not 0.8 * before < 4 * last < 1.25 * before or any(np.size(t) for t in fine.t_events):
+            return None
+        limit = DenseOutput(fine.q + (fine.q - coarse.q) / 3, fine.v + (fine.v - coarse.v) / 3)
+        return limit if fine.projection is None else fine.projection(fine.t, limit)
+
+
+def taken(run: Run) -> int | None:
+    """Steps that ``run`` took; None where its solver does not tell."""
+    return run.solution.counters.steps_accepted
+
+
+def _scaled(difference: Vector, scale: float | Vector) -> Vector:
+    """Largest scaled component of every row, (k,)."""
+    return np.max(np.abs(difference) / np.asarray(scale), axis=1, initial=0.0)

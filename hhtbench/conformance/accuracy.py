@@ -1,0 +1,216 @@
+"""``hhtbench verify accuracy``: what ``solve(..., accuracy=...)`` promises, against certified references and drawn scenes.
+
+For every solver: how often the true error is as small as was asked, how often it cannot be told, how much smaller than asked
+the error is, and what it costs beside the cheapest single run of the same solver that is as accurate.
+"""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from statistics import median
+from typing import Any
+
+import numpy as np
+
+from hhtbench.api import solve
+from hhtbench.campaign.reference.plan import registered_plans, validated_spec
+from hhtbench.catalogue.registry import list_problems, load_problem
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.evidence import Evidence, Row
+from hhtbench.protocol.system import Problem
+from hhtbench.runtime.processes import worker_processes
+from hhtbench.solution.result import Status
+
+SOLVERS = ("hht", "ida(form=ggl)", "scipy(method=Radau)", "projected(method=DOP853)")
+JUDGED = SOLVERS[:2] + SOLVERS[3:]  # of which the median error is: Radau's is shown beside them
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5)
+SECONDS = 20.0  # of all runs of one cell
+SWEEP = tuple(float(f"{10 ** (-k / 2):.2g}") for k in range(4, 25))  # tolerances of the single runs
+DRAWN = (  # the library's parameters times 0.6 to 1.4, drawn once; nothing was tuned on them
+    "simple_pendulum(L=0.919, amplitude=-1.84, t_end=4)",
+    "bead_chain(n_beads=3, w=0.412, L=0.666)",
+    "knife_edge(Om=2.75, incline=0.526)",
+    "kapitza_pendulum(A=0.0558, w=84.9, t_end=1)",
+    "stiff_spring_pendulum(stiffness=9800.0, m2=0.698)",
+    "rolling_sphere_table(Om=2.55, x=1.19)",
+    "chaplygin_sleigh(a=0.265, w0=2.62)",
+    "sundials_slider_crank(a=0.679, k=0.62, t_end=4)",
+    "heavy_top(m=17.9, C=0.533, t_end=0.5)",
+    "flyball_governor(ball=5.5, K=888000.0, t_end=1)",
+    "planar_chain(n_links=3, t_end=1)",
+    "bead_on_rotating_rod(Om=2.1, u0=0.55)",
+)
+TOLD, WRONG, UNTOLD = 0.95, 0.01, 0.10  # least share within what was asked, most beyond three times that, most untold
+NOT_TOO_SMALL = 1 / 20  # least median of the true error over what was asked
+COSTS = (5.0, 8.0)  # most of the cheapest single run's evaluations: in the median, in nine of ten cells
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One solve with ``accuracy``."""
+
+    problem: str
+    solver: str
+    accuracy: float
+    status: str
+    error: float | None  #: true scaled error of q and v at the times where it is known; None: nothing was solved
+    bound: float | None
+    cost: float | None  #: evaluations over those of the cheapest single run that is as accurate
+    extrapolated: float | None  #: true error of the better answer
+
+
+def cells_of(spec: str) -> list[Cell]:
+    """All cells of one problem; none where nothing is known of its motion."""
+    warnings.simplefilter("ignore")
+    problem = load_problem(spec)
+    times, known = truth(problem)
+    if times.size == 0:
+        return []
+    return [cell for solver in SOLVERS for cell in _of_solver(problem, spec, solver, times, known)]
+
+
+def truth(problem: Problem) -> tuple[Vector, Matrix]:
+    """Times within the interval at which the motion is known, (k,), and the motion there, (k, 2n), over its scales."""
+    t0, t1 = problem.t_span
+    if problem.exact is not None:
+        times = np.linspace(t0, t1, 21)
+        rows = [problem.exact(float(t)) for t in times]
+        q, v = (np.array([np.asarray(row[i], dtype=np.float64) for row in rows]) for i in (0, 1))
+    elif problem.reference is not None:
+        at = np.asarray(problem.reference["t"], dtype=np.float64)
+        inside = (at >= min(t0, t1)) & (at <= max(t0, t1))
+        times, q, v = (np.asarray(problem.reference[name], dtype=np.float64)[inside] for name in ("t", "q", "v"))
+    else:
+        times = np.linspace(t0, t1, 21)
+        found = solve(problem, "collocation(form=ggl)", rtol=1e-13, t_eval=times)
+        times, q, v = found.t, found.q, found.v
+    return times, _over_scales(problem, q, v)
+
+
+def _over_scales(problem: Problem, q: Matrix, v: Matrix) -> Matrix:
+    return np.hstack([q / np.asarray(problem.scales.q), v / np.asarray(problem.scales.v)])
+
+
+def _error(problem: Problem, found: Any, known: Matrix) -> float | None:
+    got = _over_scales(problem, found.q, found.v)
+    return float(np.max(np.abs(got - known))) if got.shape == known.shape else None
+
+
+def _of_solver(problem: Problem, spec: str, solver: str, times: Vector, known: Matrix) -> list[Cell]:
+    singles = []
+    for rtol in SWEEP:
+        found = solve(problem, solver, rtol=rtol, t_eval=times, max_seconds=SECONDS)
+        if found.status is Status.declined:
+            return []
+        if found.success and found.counters.residual_evaluations:
+            singles.append((_error(problem, found, known), found.counters.residual_evaluations))
+        elif found.status is Status.deadline:
+            break
+        if singles and singles[-1][0] is not None and singles[-1][0] < min(ACCURACIES) / 3:
+            break
+    return [_cell(problem, spec, solver, accuracy, times, known, singles) for accuracy in ACCURACIES]
+
+
+def _cell(
+    problem: Problem, spec: str, solver: str, accuracy: float, times: Vector, known: Matrix, singles: list[Any]
+) -> Cell:
+    found = solve(problem, solver, accuracy=accuracy, t_eval=times, max_seconds=SECONDS)
+    cheapest = min((work for error, work in singles if error is not None and error <= accuracy), default=None)
+    spent = found.counters.residual_evaluations
+    better = found.extrapolated
+    return Cell(
+        problem=spec,
+        solver=solver,
+        accuracy=accuracy,
+        status=found.status.label,
+        error=_error(problem, found, known),
+        bound=None if found.error is None else found.error.bound,
+        cost=spent / cheapest if cheapest and spent and found.success else None,
+        extrapolated=None if better is None else _error(problem, better, known),
+    )
+
+
+def verify_accuracy(progress: Callable[[str], None] | None = None, jobs: int = 1) -> Evidence:
+    """All problems on their validated spans and the drawn scenes, by every solver at every accuracy."""
+    began, plans = time.perf_counter(), registered_plans()
+    specs = [validated_spec(name, plans) for name in list_problems()] + list(DRAWN)
+    cells: list[Cell] = []
+    with worker_processes(jobs) as pool:
+        for spec, found in zip(specs, pool.map(cells_of, specs), strict=True):
+            cells += found
+            if progress is not None:
+                progress(f"{spec}: {len(found)} cells")
+    evidence = evidence_of(cells)
+    return replace(evidence, seconds=time.perf_counter() - began)
+
+
+def evidence_of(cells: Iterable[Cell]) -> Evidence:
+    """The claims, solver by solver; cells beyond what was asked are named."""
+    cells, rows = list(cells), []
+    for solver in dict.fromkeys(cell.solver for cell in cells):
+        rows += _claims(solver, [cell for cell in cells if cell.solver == solver])
+    return Evidence(title="the error that was asked for", rows=tuple(rows))
+
+
+def _claims(solver: str, cells: list[Cell]) -> list[Row]:
+    told = [cell for cell in cells if cell.status == "success" and cell.error is not None]
+    share = sorted((cell.error or 0.0) / cell.accuracy for cell in told) or [np.nan]
+    costs = sorted(cell.cost for cell in told if cell.cost is not None) or [np.nan]
+    within = sum(ratio <= 1.0 for ratio in share) / len(share)
+    beyond = [cell for cell in told if (cell.error or 0.0) > 3 * cell.accuracy]
+    untold = 1 - len(told) / len(cells)
+    names = "; ".join(f"{cell.problem} at {cell.accuracy:g}: {cell.error:.1e}" for cell in beyond)
+    better = [cell for cell in told if cell.extrapolated is not None]
+    gains = sorted((cell.extrapolated or 0.0) / (cell.error or np.inf) for cell in better)
+    rows = [
+        Row(
+            id=f"{solver}/within",
+            claim="share of the cells that claim success whose true error is within what was asked",
+            measured=within,
+            bound=f">= {TOLD:g} of {len(told)}",
+            passed=within >= TOLD,
+        ),
+        Row(
+            id=f"{solver}/beyond",
+            claim=f"share of them beyond three times that{': ' + names if names else ''}",
+            measured=len(beyond) / len(share),
+            bound=f"<= {WRONG:g}",
+            passed=len(beyond) <= WRONG * len(share),
+        ),
+        Row(
+            id=f"{solver}/untold",
+            claim="share of all cells that end without a claim",
+            measured=untold,
+            bound=f"<= {UNTOLD:g} of {len(cells)}",
+            passed=untold <= UNTOLD,
+        ),
+        Row(
+            id=f"{solver}/size",
+            claim="median of the true error over what was asked",
+            measured=median(share),
+            bound=f">= {NOT_TOO_SMALL:g}" if solver in JUDGED else "not judged",
+            passed=median(share) >= NOT_TOO_SMALL if solver in JUDGED else None,
+        ),
+        Row(
+            id=f"{solver}/cost",
+            claim="evaluations over those of the cheapest single run that is as accurate, median",
+            measured=median(costs),
+            bound=f"<= {COSTS[0]:g}",
+            passed=median(costs) <= COSTS[0],
+        ),
+        Row(
+            id=f"{solver}/cost90",
+            claim="the same, of nine in ten cells",
+            measured=costs[int(0.9 * (len(costs) - 1))],
+            bound=f"<= {COSTS[1]:g}",
+            passed=costs[int(0.9 * (len(costs) - 1))] <= COSTS[1],
+        ),
+    ]
+    if gains:
+        worse = sum(gain > 1.0 for gain in gains) / len(gains)
+        text = f"error of the extrapolated answer over that of the run, median of {len(gains)}; {worse:.0%} got worse"
+        rows.append(Row(id=f"{solver}/better", claim=text, measured=median(gains), bound="< 1", passed=median(gains) < 1.0))
+    return rows

@@ -1,0 +1,1 @@
+"""The physics and its protocol: systems, problems, their checks of arguments and errors."""

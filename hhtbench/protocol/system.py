@@ -1,0 +1,389 @@
+"""The physics, written once: what a user declares and every solver receives.
+
+Read this file first.  A **System** is the physics, a **Problem** adds a start, an interval and what to
+measure, a **Solver** turns a Problem and a Request into a Solution.
+
+Symbols, used with this meaning everywhere:
+
+=========  =========  ==============================================================  ==============
+symbol     shape      meaning                                                         unit
+=========  =========  ==============================================================  ==============
+``t``      scalar     time                                                            s
+``q``      (n,)       generalised coordinates                                         m, rad
+``v``      (n,)       velocities, dq/dt                                               m/s, rad/s
+``vdot``   (n,)       accelerations, dv/dt                                            m/s^2, rad/s^2
+``a``      (n,)       the HHT method's auxiliary accelerations (not dv/dt at t)       m/s^2, rad/s^2
+``lam``    (m,)       multipliers of the position constraints                         N, N m
+``mu``     (p,)       multipliers of the velocity constraints                         N, N m
+``M``      (n, n)     mass matrix                                                     kg, kg m^2
+``F``      (n,)       applied generalised force                                       N, N m
+``Q``      (n,)       reaction (constraint) force                                     N, N m
+``f, r``   (n,)       ``M^-1 F``, ``M^-1 Q``                                          m/s^2, rad/s^2
+``g``      (m,)       position constraints, ``0 = g(t, q)``                           m, rad
+``g_q``    (m, n)     their Jacobian, ``G`` for short
+``k``      (p,)       velocity constraints, ``0 = k(t, q, v)``                        m/s, rad/s
+``k_v``    (p, n)     their Jacobian with respect to v, ``K`` for short
+``h``      scalar     step                                                            s
+``alpha``  scalar     damping parameter of the HHT method, in [-1/3, 0]
+``beta``   scalar     Newmark weight of the end acceleration in the position
+``gamma``  scalar     Newmark weight of the end acceleration in the velocity
+``b``      scalar     weight of the end reaction in the position
+=========  =========  ==============================================================  ==============
+
+The equations are ``q' = v``, ``M(t,q) v' = F(t,q,v) + Q``, ``0 = g(t,q)``, ``0 = k(t,q,v)``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.protocol.arguments import Vector, check_interval, real_array, real_number, real_vector
+from hhtbench.protocol.errors import ProblemError
+
+if TYPE_CHECKING:
+    from hhtbench.solution.request import Request
+    from hhtbench.solution.result import Solution
+
+
+class Signature(NamedTuple):
+    """What a function that a system may declare takes and returns."""
+
+    arguments: tuple[str, ...]  #: symbols of the table above
+    results: tuple[str, ...]  #: sizes of the array by letter, "mn" is (m, n); two: a pair; none: a dict of scalars
+
+    def shapes(self, n: int, m: int, p: int) -> tuple[tuple[int, ...], ...]:
+        """Of the results."""
+        return tuple(tuple({"n": n, "m": m, "p": p}[letter] for letter in letters) for letters in self.results)
+
+
+def _signature(arguments: str, *results: str) -> Signature:
+    return Signature(tuple(arguments.split()), results)
+
+
+IMPORTED = time.time()  #: [s]; a file that was changed later need not be the one that made a Problem
+PHYSICS = {
+    "force": _signature("t q v", "n"),
+    "mass_matrix": _signature("t q", "nn"),
+    "constraint": _signature("t q", "m"),
+    "velocity_constraint": _signature("t q v", "p"),
+    "reaction": _signature("t q lam", "n"),
+    "velocity_reaction": _signature("t q v mu", "n"),
+    "energy": _signature("t q v", ""),
+    "power": _signature("t q v lam mu", ""),
+    "invariants": _signature("t q v"),
+}
+DERIVATIVES = {
+    "force_jacobians": _signature("t q v", "nn", "nn"),  # F_q, F_v; None for one that is zero
+    "constraint_jacobian": _signature("t q", "mn"),
+    "constraint_time_derivative": _signature("t q", "m"),
+    "constraint_acceleration": _signature("t q v", "m"),  # g_tt + 2 g_tq v + g_qq(v,v): g'' = g_q vdot + this
+    "velocity_constraint_jacobian": _signature("t q v", "pn"),  # k_v
+    "reaction_jacobians": _signature("t q lam", "nn", "nm"),  # Q_q, Q_lam
+}
+SIGNATURES = PHYSICS | DERIVATIVES
+WITH_VELOCITY = {  # of a reaction that depends on v too, as friction in a joint does: its four arguments tell
+    "reaction": _signature("t q v lam", "n"),
+    "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
+}
+NEAR = 0.8  # of difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
+OTHER_WORDS = dict.fromkeys(("mass", "masses", "M"), "mass_matrix")  # what is meant where difflib does not see it
+DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
+TAGS = (  # kinds of problems, for choosing among them
+    "holonomic",
+    "velocity-level",
+    "mixed",
+    "unconstrained",
+    "rheonomic",
+    "redundant",
+    "singular",
+    "stiff",
+    "flexible",
+    "nonlinear reaction",
+    "variable mass",
+    "damped",
+    "large",
+)
+PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of M and of derivatives of F, g, k, Q and M x
+    "force_q": "nn",
+    "force_v": "nn",
+    "constraint_jacobian": "mn",
+    "velocity_constraint_jacobian": "pn",
+    "velocity_constraint_q": "pn",
+    "reaction_q": "nn",
+    "reaction_v": "nn",
+    "mass_matrix": "nn",
+    "mass_product_jacobian": "nn",
+}
+
+
+def near_name(name: str) -> str:
+    """The name of ``DECLARABLE`` that somebody may mean by ``name``; empty where none is near."""
+    return OTHER_WORDS.get(name) or next(iter(get_close_matches(name, DECLARABLE, 1, NEAR)), "")
+
+
+def parameter(default: Any = ..., *, doc: str = "") -> Any:
+    """A physical parameter of a :class:`System`: stored as a float64 array of its own.
+
+    Arrays, not Python floats: a new value then reuses the compiled code, a float would be traced again.
+    ``doc`` states meaning and unit.
+    """
+    options: dict[str, Any] = {"converter": lambda x: jnp.array(x, dtype=jnp.float64), "metadata": {"doc": doc}}
+    if default is not ...:
+        options["default_factory"] = lambda: default  # a factory, so that a default may be an array or a list
+    return eqx.field(**options)
+
+
+class System(eqx.Module):
+    """Physics in pure ``jax.numpy`` functions; subclass it and declare what the scene requires, no more.
+
+    Required: ``force(t, q, v) -> (n,)``.  Optional, each costing nothing while undeclared (an attribute that
+    is missing or None is undeclared):
+
+    ``mass_matrix``
+        Field: scalar, ``(n,)`` or ``(n, n)``; or method ``(t, q) -> (n, n)``, or ``(n,)``, a diagonal.  Identity if
+        undeclared; may be singular where the KKT matrix ``[[M, C^T], [C, 0]]`` is regular.
+    ``constraint(t, q) -> (m,)``, ``velocity_constraint(t, q, v) -> (p,)``
+        ``g`` and ``k``.
+    ``reaction(t, q, lam) -> (n,)``, ``velocity_reaction(t, q, v, mu) -> (n,)``
+        Generalised reaction forces; ``-g_q^T lam`` and ``-k_v^T mu`` if undeclared.  May be nonlinear in ``lam``.
+        ``reaction(t, q, v, lam)``, with ``v`` among its arguments, may depend on velocities too: friction in a joint.
+    ``energy(t, q, v) -> scalar``, ``invariants(t, q, v) -> dict of scalars``
+        Measured, never used by a solver.
+    ``power(t, q, v, lam, mu) -> scalar``
+        What feeds ``energy`` (dampers, forces without a potential, moving constraints), so that along every motion
+        ``d energy/dt = power`` [W].  Undeclared: the energy is conserved.
+
+    The derivatives in ``DERIVATIVES`` may be declared too; what is missing comes from automatic differentiation.  So may
+    ``sparsity``, a mapping from names in ``PATTERNS`` to booleans: matrices of large systems have these patterns then, and
+    of the other functions those that their computation shows.
+    """
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**keywords)
+        inherited = {name: entry for base in reversed(cls.__mro__[1:]) for name, entry in _fields_of(base).items()}
+        own = {name: cls.__dict__.get(name, dataclasses.MISSING) for name in inspect.get_annotations(cls)}
+        first = None  # of those with a default
+        for name, entry in (inherited | own).items():
+            if _has_default(entry):
+                first = first or name
+            elif first is not None:
+                raise TypeError(
+                    f"{cls.__name__}: {name} has no default and comes after {first}, which has one. "
+                    f"Give {name} a default, hb.parameter(1.0), or declare it before {first}."
+                )
+
+
+def _fields_of(base: type) -> dict[str, Any]:
+    return getattr(base, "__dataclass_fields__", {})
+
+
+def _has_default(entry: Any) -> bool:
+    if isinstance(entry, dataclasses.Field):
+        return entry.default is not dataclasses.MISSING or entry.default_factory is not dataclasses.MISSING
+    return entry is not dataclasses.MISSING
+
+
+class NumpySystem:
+    """The same physics as plain callables on NumPy arrays (a wrapped external code, say).
+
+    Takes the names in ``DECLARABLE`` as keywords.  Derivatives that are missing come
+    from differences, coloured when ``sparsity`` gives the pattern; the constraints then hold to the error of
+    the difference scheme (about 1e-9), not to roundoff.  Where it gives those of F by q and v, of the constraints and of
+    a mass that varies, a large system has no full matrices in its steps.  Arguments are read-only copies.
+
+    Its sizes and a constant mass serve later solves; its functions are asked for all else again, since they may be any
+    Python and refer to what changes.
+    """
+
+    def __init__(self, *, force: Callable[..., Any] | None = None, **declared: Any) -> None:
+        unknown = sorted(set(declared) - set(DECLARABLE))
+        if unknown:
+            meant = sorted({near for name in unknown if (near := near_name(name))})
+            hint = f" Did you mean {' and '.join(meant)}?" if meant else ""
+            raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(DECLARABLE)}.{hint}")
+        if force is None:
+            raise TypeError("NumpySystem needs force, a function (t, q, v) -> (n,).")
+        patterns = checked_patterns(declared.get("sparsity"))
+        if patterns:
+            declared["sparsity"] = {name: full_pattern(x) for name, x in patterns.items()}
+        for name, value in {"force": force, **declared}.items():
+            if value is not None and not callable(value) and name not in ("mass_matrix", "sparsity"):
+                raise TypeError(f"NumpySystem: {name} must be a function; got {type(value).__name__}.")
+            if name == "mass_matrix" and value is not None and not callable(value):
+                value = real_array("mass_matrix", value)
+            object.__setattr__(self, name, value)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"a NumpySystem is not changed after it is made; make a new one with {name}=...")
+
+
+def declared(system: System | NumpySystem, name: str) -> Any:
+    """What ``system`` declares under ``name``, or None."""
+    return getattr(system, name, None)
+
+
+def reaction_takes_velocity(system: System | NumpySystem) -> bool:
+    """Whether ``reaction`` is declared as a function of (t, q, v, lam), and not of (t, q, lam).
+
+    What takes both, as a function of any number of arguments does, is given three.
+    """
+    function = declared(system, "reaction")
+    return (
+        callable(function) and accepts(function, WITH_VELOCITY["reaction"]) and not accepts(function, SIGNATURES["reaction"])
+    )
+
+
+def accepts(function: Callable[..., Any], signature: Signature) -> bool:
+    """Whether ``function`` can be called with the arguments of ``signature``; True where it does not tell."""
+    try:
+        inspect.signature(function).bind(*signature.arguments)
+    except TypeError:
+        return False
+    except ValueError:  # a function of C
+        return True
+    return True
+
+
+def signature_of(system: System | NumpySystem, name: str) -> Signature:
+    """What the function ``name`` that ``system`` may declare takes and returns: of reactions with or without v."""
+    with_velocity = name in WITH_VELOCITY and reaction_takes_velocity(system)
+    return WITH_VELOCITY[name] if with_velocity else SIGNATURES[name]
+
+
+def checked_patterns(sparsity: Any) -> Mapping[str, Any]:
+    """What is declared as ``sparsity``: patterns by name, arrays or SciPy's sparse matrices; {} for None.
+
+    Raises
+    ------
+    TypeError, ProblemError
+        It is no mapping, or has a name that is not in ``PATTERNS``.
+    """
+    if sparsity is None:
+        return {}
+    if not isinstance(sparsity, Mapping):
+        raise TypeError(f"sparsity must map names ({', '.join(PATTERNS)}) to patterns; got {type(sparsity).__name__}.")
+    strange = sorted(set(sparsity) - set(PATTERNS))
+    if strange:
+        raise ProblemError(f"sparsity does not know {', '.join(strange)}; known: {', '.join(PATTERNS)}.")
+    return sparsity
+
+
+def full_pattern(pattern: Any) -> np.ndarray:
+    """An array or one of SciPy's sparse matrices as an array of booleans."""
+    return np.asarray(pattern.toarray() if hasattr(pattern, "toarray") else pattern, dtype=bool)
+
+
+class Motion(NamedTuple):
+    """State and multipliers at one time: ``q, v`` (n,), ``lam`` (m,), ``mu`` (p,)."""
+
+    q: Any
+    v: Any
+    lam: Any
+    mu: Any
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scales:
+    """Typical sizes, used to scale errors and drift: one number each or one per component."""
+
+    q: Any = 1.0
+    v: Any = 1.0
+    lam: Any = 1.0
+    mu: Any = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MinimalCoordinates:
+    """The same motion by as many coordinates ``s`` (d,) as it has freedoms: no constraints, an ODE."""
+
+    system: System  #: its coordinates are ``s``
+    embed: Callable[[Any], Any]  #: s (d,) -> q (n,), in ``jax.numpy``
+    s0: Any  #: (d,) start, embedded that of the problem
+    u0: Any  #: (d,) ds/dt there
+
+
+Observable = Callable[[float, Vector, Vector, Vector], Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """A System with a consistent start, an interval and what to measure."""
+
+    name: str
+    system: System | NumpySystem
+    t_span: tuple[float, float]  #: start and end [s]
+    q0: Vector  #: (n,) coordinates at the start
+    v0: Vector  #: (n,) velocities at the start
+    lam_guess: Vector | None = None  #: (m,) starting guess of the multipliers; it picks the root where Q is nonlinear
+    mu_guess: Vector | None = None  #: (p,) the same for the velocity constraints
+    scales: Scales = field(default_factory=Scales)
+    observables: Mapping[str, Observable] = field(default_factory=dict)  #: name -> fn(t, q, v, lam)
+    exact: Callable[[float], Motion] | None = None  #: closed solution
+    reference: Mapping[str, Any] | None = None  #: t (k,), q, v (k, n), maybe lam (k, m), mu (k, p), digits
+    sketch: Callable[[Vector], Any] | None = None  #: q -> points and lines of a drawing
+    minimal: Callable[[], MinimalCoordinates] | None = None  #: where somebody has written them down
+    tags: tuple[str, ...] = ()  #: of ``TAGS``, what a solver must be able to take
+    good_for: str = ""  #: one sentence: what this problem shows that others do not
+    source: str = ""  #: where the equations and values come from
+
+    def __post_init__(self) -> None:
+        q0 = real_vector("q0", self.q0)
+        if q0.size == 0:
+            raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
+        v0 = real_vector("v0", self.v0, q0.size)
+        if not isinstance(self.t_span, (tuple, list)) or len(self.t_span) != 2:
+            raise ProblemError(f"t_span must be two times (start, end) [s]; got {self.t_span!r}.")
+        span = tuple(real_number(f"t_span[{i}]", t, unit=" [s]") for i, t in enumerate(self.t_span))
+        check_interval("t_span", *span)
+        for name, value in {"q0": q0, "v0": v0, "t_span": span}.items():
+            object.__setattr__(self, name, value)
+        for name in ("lam_guess", "mu_guess"):
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, real_vector(name, value))
+
+    @property
+    def note_on_scales(self) -> str:
+        """What is to be said beside its errors where they are scaled by nothing; "" where it declares scales of q or v."""
+        declared = any(np.ndim(size) or size != 1.0 for size in (self.scales.q, self.scales.v))
+        return "" if declared else "The problem declares no scales: errors are in its own units."
+
+    def starting(self, t_span: tuple[float, float] | None = None, q0: Any = None, v0: Any = None) -> Problem:
+        """This problem over another interval or from another start, without what is known of its own motion.
+
+        That is ``exact``, ``reference`` and ``minimal``; the multipliers' guesses stay.  Nothing given: the problem itself.
+        """
+        if t_span is None and q0 is None and v0 is None:
+            return self
+        n = self.q0.size
+        given: dict[str, Any] = {name: real_vector(name, x, n) for name, x in (("q0", q0), ("v0", v0)) if x is not None}
+        given |= {} if t_span is None else {"t_span": t_span}
+        return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None)
+
+
+class Solver(Protocol):
+    """What the bench knows of a solver.
+
+    It may have more: ``with_events(events)`` gives the solver that looks for them, ``warm_up(problem, request)`` compiles,
+    ``count(problem, request)`` gives the Counters of an untimed run, ``evaluates(problem)`` says what its residual
+    evaluations are, "residual" or "acceleration", and of which problem.  Of one with a true ``heeds_tolerances`` two runs
+    that agree show their error, also where they took the same steps.
+    """
+
+    name: str
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        """The reason why this solver cannot take the problem or request, or None; no physics is called."""
+
+    def solve(self, problem: Problem, request: Request) -> Solution:
+        """Integrate; numerical failures end in ``Solution.status``, never in an exception."""

@@ -1,0 +1,1 @@
+"""The process: workers, progress, interruption, the terminal, settings of JAX."""

@@ -1,0 +1,66 @@
+"""One solution over time, drawn with Matplotlib."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from hhtbench.solution.result import Solution
+
+MOST_LINES = 24  # of one panel; the rest is not drawn, and the panel says so
+MOST_NAMED = 8  # lines that a legend names
+WIDTH, HEIGHT = 8.0, 2.0  # of one panel [in]
+UNITS = {"q": "q [m, rad]", "v": "v [m/s, rad/s]", "lam": "lam [N, N m]", "mu": "mu [N, N m]"}
+
+Lines = dict[str, tuple[Any, Any]]  # name -> t (k,) and values (k,)
+
+
+def plot_solution(solution: Solution, drift: Any = None) -> Any:
+    """A figure with a panel for each of q, v, lam, mu, and on logarithmic axes estimated error and ``drift``."""
+    import matplotlib.pyplot as plt
+
+    if not np.size(solution.t):
+        raise ValueError(f"there is nothing to plot, the solution has no rows: {solution.status.label}: {solution.message}")
+    panels: list[tuple[str, Lines, bool]] = [(unit, _columns(solution, name), False) for name, unit in UNITS.items()]
+    if solution.error is not None:
+        estimates = {name: (solution.t, getattr(solution.error, name)) for name in ("q", "v")}
+        panels.append(("estimated error / scale", estimates, True))
+    if drift is not None:
+        panels.append((f"drift / scale at {drift.sampled}", _drifts(drift), True))
+    shown = [panel for panel in panels if panel[1]]
+    figure, axes = plt.subplots(
+        len(shown), 1, sharex=True, squeeze=False, figsize=(WIDTH, HEIGHT * len(shown)), layout="constrained"
+    )
+    for axis, (label, lines, logarithmic) in zip(axes[:, 0], shown, strict=True):
+        _draw(axis, label, lines, logarithmic)
+    axes[-1, 0].set_xlabel("t [s]")
+    figure.suptitle(f"{solution.status.label}, {np.size(solution.t)} rows", fontsize=10)
+    return figure
+
+
+def _columns(solution: Solution, name: str) -> Lines:
+    values = getattr(solution, name)
+    return {f"{name}[{i}]": (solution.t, values[:, i]) for i in range(values.shape[1])}
+
+
+def _drifts(drift: Any) -> Lines:
+    """Curves of a :class:`hhtbench.checks.drift.Drift`, those that there are."""
+    curves = {"position": drift.position, "velocity": drift.velocity, "energy": drift.energy, **drift.invariants}
+    return {name: (drift.t, values) for name, values in curves.items() if values is not None}
+
+
+def _draw(axis: Any, label: str, lines: Lines, logarithmic: bool) -> None:
+    drawn = list(lines.items())[:MOST_LINES]
+    for name, (t, values) in drawn:
+        shown = np.where(values != 0, np.abs(values), np.nan) if logarithmic else values  # a zero has no logarithm
+        axis.plot(t, shown, ".-" if logarithmic else "-", label=name, linewidth=1.2, markersize=2)
+    if logarithmic:
+        axis.set_yscale("log")
+    axis.set_ylabel(label, fontsize=9)
+    axis.grid(alpha=0.3)
+    if len(lines) > len(drawn):
+        axis.set_title(f"the first {len(drawn)} of {len(lines)}", fontsize=8, loc="right")
+    if len(drawn) <= MOST_NAMED:
+        axis.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0)

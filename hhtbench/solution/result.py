@@ -1,0 +1,330 @@
+"""What a solver returns: status, counters, trajectory."""
+
+from __future__ import annotations
+
+import enum
+import html
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import ProblemError
+from hhtbench.solution.filled import Filled
+
+ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
+OF_FUNCTIONS = ("interpolant", "projection", "drift_of", "judge_of", "diagnosis_of")  #: its fields that call functions
+NOT_KEPT = (*OF_FUNCTIONS, "file")  #: its fields that a file does not hold
+
+
+class Status(enum.Enum):
+    """How a solve ended: one vocabulary for every solver.
+
+    ``code`` is SUNDIALS' integer where it has the same outcome, else None; ``text`` says what to do.
+    """
+
+    success = (0, "The end of the interval was reached.")
+    event = (2, "A terminal event stopped the integration; continue from the returned state.")
+    max_steps = (-1, "The step budget is used up; raise max_num_steps or loosen the request.")
+    step_too_small = (
+        -3,
+        "Only steps too short to arrive are accepted; loosen the tolerances or look for a jump in the forces.",
+    )
+    newton_failed = (
+        -4,
+        "Newton's iteration did not converge; take a smaller step, look for a jump, check derivatives by `hhtbench check`.",
+    )
+    singular_iteration_matrix = (
+        -6,
+        "The matrix of the step is singular; see the message for the rank and `hhtbench check` for the rows.",
+    )
+    redundant_constraints = (None, "Rows of the constraint Jacobian are dependent; remove the rows named in the message.")
+    nonfinite_callback = (-8, "A function of the system returned NaN or infinity; the message names it.")
+    inconsistent_initial = (
+        None,
+        "The start violates the constraints; the message names the rows. Correct q0, v0 or pass calc_initcond=True.",
+    )
+    time_resolution = (
+        None,
+        "The step is below the spacing of floating-point times; shift the time origin or take longer steps.",
+    )
+    evaluation_budget = (None, "The budget of evaluations is used up; raise max_evaluations.")
+    deadline = (None, "The time budget is used up; raise max_seconds.")
+    accuracy_not_shown = (None, "Runs do not show that the error is as small as asked; the message says what is known.")
+    interrupted = (None, "The solve was interrupted from outside.")
+    declined = (-22, "The solver cannot take this problem or request; the message says why.")
+    unreliable = (None, "The library reported success but its result failed the check.")
+    user_exception = (None, "A function of the system raised an exception.")
+    crashed = (None, "The worker process died.")
+    out_of_memory = (None, "The worker process ran out of memory.")
+
+    def __init__(self, code: int | None, text: str) -> None:
+        self.code = code
+        self.text = text
+
+    @property
+    def label(self) -> str:
+        """Its name, as tables and files have it."""
+        return self.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counters(Filled):
+    """Work done; None means not reported, never zero instead.
+
+    One residual evaluation is one point (t, q, v) where F is evaluated, or another function for differences.  Those that
+    output rows cost, for their multipliers, to reach them inside a step or to put them onto the constraints (one each; none
+    where the functions are in Python), are ``output_evaluations`` and in no other counter, so that work does not depend on
+    how much output is asked for.  A budget of evaluations ends with the steps.
+    ``provenance`` says for every counter: counted (by our wrapper), library, or not reported.
+    """
+
+    steps_accepted: int | None = 0
+    steps_rejected_error: int | None = 0
+    steps_rejected_newton: int | None = 0
+    newton_iterations: int | None = 0
+    residual_evaluations: int | None = 0
+    output_evaluations: int | None = 0
+    jacobian_evaluations: int | None = 0
+    factorisations: int | None = 0
+    linear_solves: int | None = 0
+    event_evaluations: int | None = 0
+    nonfinite_evaluations: int | None = 0
+    provenance: str = "counted"
+
+
+_COUNTED = [counter.name for counter in fields(Counters) if counter.name != "provenance"]
+NOT_REPORTED = Counters(**dict.fromkeys(_COUNTED), provenance="not reported")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepsData:
+    """Stage values of the HHT method, one row per accepted step."""
+
+    t: Vector  #: (N,) end times of the steps [s]
+    h: Vector  #: (N,) signed lengths [s]
+    a: Matrix  #: (N, n) auxiliary accelerations at the end of the step, near f(t + alpha h)
+    lam_start: Matrix  #: (N, m) multiplier of the reaction at the start of the step, first order
+    lam_end: Matrix  #: (N, m) the same at its end (or midpoint), first order
+    mu_half: Matrix  #: (N, p) multiplier of the velocity constraints at the midpoint
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ends:
+    """States at the start and at the end of every accepted step."""
+
+    t: Vector  #: (k,) [s]
+    q: Matrix  #: (k, n)
+    v: Matrix  #: (k, n)
+    carried: Mapping[str, Matrix] | None = None  #: as that of :class:`Solution`
+
+
+class DenseOutput(NamedTuple):
+    """Interpolated state: ``q, v`` (n,) at one time, (k, n) at k times."""
+
+    q: Matrix
+    v: Matrix
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorEstimate:
+    """What finer and finer runs of a solver tell of the error of the finest, scaled by the problem's scales.
+
+    NaN, and ``bound`` None, where it is not known.
+    """
+
+    asked: float  #: the error asked for, of q and v
+    bound: float | None  #: of the largest error of q and v over the output times
+    q: Vector  #: (n_t,) estimated error at every output time, largest component
+    v: Vector  #: (n_t,)
+    lam: Vector  #: (n_t,) the same of the multipliers, which ``bound`` does not cover
+    differences: tuple[float, ...]  #: largest, between each run and the next
+    settings: tuple[float, ...]  #: of the runs: tolerances, or numbers of steps
+
+
+@dataclass(frozen=True, kw_only=True)
+class Solution(Filled):
+    """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level.
+
+    Of a solver that says nothing about its work no counter is reported.
+
+    ``carried`` is None where a solver has no multipliers of its own, as on the underlying ODE, and for HHT with output
+    between its steps: its stage values belong to their ends.  ``steps_data`` and ``interpolant`` are None where the steps
+    were too many to keep them all for nothing but rows at ``t_eval``.
+    """
+
+    t: Vector  #: (n_t,) [s]
+    q: Matrix  #: (n_t, n)
+    v: Matrix  #: (n_t, n)
+    lam: Matrix  #: (n_t, m) multipliers of the position constraints
+    mu: Matrix  #: (n_t, p) multipliers of the velocity constraints
+    status: Status
+    message: str  #: what happened, where, and what to do
+    counters: Counters = field(default_factory=lambda: NOT_REPORTED)
+    steps_data: StepsData | None = field(default_factory=lambda: None)  #: HHT only, made when it is read
+    carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)
+    ends: Ends | None = None  #: where ``keep_steps`` asked for them; None for HHT, whose ``interpolant`` has them
+    t_events: tuple[Vector, ...] = ()  #: times of the events [s], (k,) for each event function asked for
+    q_events: tuple[Matrix, ...] = ()  #: (k, n) at those times, before what an event changes
+    v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
+    #: dense output over the accepted steps
+    interpolant: Callable[[Any], DenseOutput] | None = field(default_factory=lambda: None)
+    #: what puts it onto the constraints; not pickled
+    projection: Callable[[Any, DenseOutput], DenseOutput] | None = field(default_factory=lambda: None)
+    drift_of: Callable[[Solution], Any] | None = None  #: what :meth:`drift` calls, set by ``hb.solve``; not pickled
+    diagnosis_of: Callable[[], str] | None = None  #: what :meth:`diagnose` calls, set by the solver; not pickled
+    judge_of: Callable[..., Any] | None = None  #: what :meth:`verify` calls, likewise
+    file: str = ""  #: that :meth:`load` read, or ""
+    error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
+    extrapolated: DenseOutput | None = None  #: its better answer at ``t``, where three runs confirm it
+
+    @property
+    def success(self) -> bool:
+        """True when the interval's end (or a terminal event) was reached."""
+        return self.status in (Status.success, Status.event)
+
+    @property
+    def unknown(self) -> NDArray[np.bool_]:
+        """(n_t,) rows with a multiplier that is nan: they do not exist there, or are not known."""
+        return np.asarray(np.isnan(self.lam).any(axis=1) | np.isnan(self.mu).any(axis=1))
+
+    def __call__(self, t: Any, *, project: bool = False) -> DenseOutput:
+        """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays.
+
+        ``project``: on both levels of the constraints, which an interpolant leaves by its error; where no state near it
+        meets them it stays as it is, with a warning.
+        """
+        if self.interpolant is None and self.file:
+            raise ValueError(f"{self.file} holds no dense output: save one with rows at the times wanted (t_eval=...).")
+        if self.interpolant is None:
+            raise ValueError(
+                "this solution has no dense output: no step was accepted, the solver is a library's that was not asked "
+                "for it (dense_output=True), or with t_eval there were more steps than it keeps (keep_steps=True: all)."
+            )
+        found = self.interpolant(t)
+        if not project:
+            return found
+        if self.projection is None:
+            raise ValueError("this solution came without its system's functions, as from a pickle: project=True needs them.")
+        return self.projection(t, found)
+
+    def drift(self) -> Any:
+        """How far the solution leaves constraints, energy and invariants: a :class:`hhtbench.checks.drift.Drift`.
+
+        Over the internal steps where they are known, else over the rows; None without rows.
+        """
+        if self.drift_of is None:
+            raise ValueError(
+                "this solution came without its problem's functions, as from a file or a pickle; give the problem: "
+                "hhtbench.measure_drift(problem, solution)."
+            )
+        return self.drift_of(self)
+
+    def diagnose(self) -> str:
+        """The cause of a failed run, looked for now; empty string where none is found, or after a success.
+
+        So it is of a solution by another solver, and of one that came without its system's functions, as from a pickle.
+        HHT looks for functions that are not deterministic and for vibrations that the last step cannot resolve.
+        """
+        if self.success or self.diagnosis_of is None:
+            return ""
+        return self.diagnosis_of()
+
+    def verify(self, *, draw: int = 0) -> Any:
+        """Hold everything against the solution that campaigns do: a :class:`hhtbench.checks.result.judge.Judgement`.
+
+        Short windows are integrated again by a method of the bench's own, which shares no code with any solver; it takes
+        milliseconds to seconds.  ``doubt`` of what is returned says what speaks against the solution, or is empty; ``draw``
+        chooses the rows at which some windows begin.
+        """
+        if not self.success:
+            raise ValueError(f"only a success is verified, and this run ended as {self.status.label}: {self.message}")
+        if self.judge_of is None:
+            raise ValueError(
+                "this solution came without its problem and request, as from a file or a pickle; give them: "
+                "from hhtbench.checks.result.judge import judge; judge(problem, hhtbench.Request(rtol=...), solution)."
+            )
+        return self.judge_of(self, draw=draw)
+
+    def plot(self) -> Any:
+        """A Matplotlib figure over time: coordinates, velocities, multipliers, estimated error, drift and energy.
+
+        Drift where the problem's functions are at hand: after ``hb.solve``, not after :meth:`load` or from a pickle.
+        """
+        from hhtbench.solution.plotting import plot_solution
+
+        return plot_solution(self, None if self.drift_of is None else self.drift_of(self))
+
+    def to_pandas(self) -> Any:
+        """A pandas data frame, one row per time: ``t``, ``q[0]`` ..., ``v[0]`` ..., ``lam[0]`` ..., ``mu[0]`` ...."""
+        try:
+            from pandas import DataFrame
+        except ModuleNotFoundError as missing:
+            raise ModuleNotFoundError("to_pandas needs pandas: pip install pandas.") from missing
+        columns = {f"{name}[{i}]": getattr(self, name)[:, i] for name in ROWS for i in range(getattr(self, name).shape[1])}
+        return DataFrame({"t": self.t, **columns})
+
+    def save(self, path: str | Path) -> Path:
+        """Write all but functions (dense output, :meth:`drift`) to an ``.npz`` file of arrays and one text; its path."""
+        from hhtbench.solution.saved import write_arrays
+
+        return write_arrays(path, {name: getattr(self, name) for name in _KEPT})
+
+    @classmethod
+    def load(cls, path: str | Path) -> Solution:
+        """What :meth:`save` has written: no dense output, and drift by ``hhtbench.measure_drift(problem, solution)``.
+
+        Raises ``ProblemError`` where the file is none of these.
+        """
+        from hhtbench.solution.saved import read_arrays
+
+        found = read_arrays(path, (Status, Counters, StepsData, Ends, ErrorEstimate, DenseOutput))
+        rows = [found.get(name) for name in ("t", *ROWS)]
+        shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]
+        typed = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)
+        if not typed or len(shapes) < len(rows) or len(set(shapes)) > 1 or set(found) != set(_KEPT):
+            raise ProblemError(f"{path} is no saved solution: {', '.join(_KEPT)} do not fit one another.")
+        return cls(**found, file=str(path))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return super().__getstate__() | {"drift_of": None, "judge_of": None, "diagnosis_of": None}
+
+    def _repr_html_(self) -> str:
+        rows = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in self._told()]
+        return f"<table style='text-align:left'>{''.join(rows)}</table>"
+
+    def __repr__(self) -> str:
+        rows = self._told()
+        width = max(len(name) for name, _ in rows)
+        return "\n".join(f"{name:>{width}}: {value}" for name, value in rows)
+
+    def _told(self) -> list[tuple[str, str]]:
+        """Names and values of what a reader is shown."""
+        rows = [("status", f"{self.status.label}: {self.message}"), ("t", _span(self.t))]
+        rows += [(name, f"array {getattr(self, name).shape}") for name in ("q", "v", "lam", "mu")]
+        if self.t_events:
+            rows.append(("t_events", f"{', '.join(str(np.size(t)) for t in self.t_events)} events"))
+        counted = [(f.name, getattr(self.counters, f.name)) for f in fields(self.counters)]
+        return rows + [(name, "not reported" if value is None else str(value)) for name, value in counted]
+
+
+def ends_of(solution: Solution) -> Ends | None:
+    """The ends of the steps from ``solution`` or the times ``t`` of its dense output; None where it has neither."""
+    if solution.ends is not None:
+        return solution.ends
+    t: Any = getattr(solution.interpolant, "t", ())
+    if not np.size(t):
+        return None
+    at = solution(np.asarray(t, dtype=np.float64))
+    return Ends(t=np.asarray(t, dtype=np.float64), q=at.q, v=at.v)
+
+
+_KEPT = [f.name for f in fields(Solution) if f.name not in NOT_KEPT]  # in a file
+
+
+def _span(t: Vector) -> str:
+    return f"{t[0]:.17g} ... {t[-1]:.17g} ({np.size(t)} rows)" if np.size(t) else "no rows"

@@ -1,0 +1,38 @@
+"""Do floating-point times resolve the steps of a solver?
+
+A solver makes a step of h and moves its time to t + h, rounded.  Far from t = 0 the two differ by up to half the spacing of
+floating-point times in every step, mostly in the same direction, and the end of the motion is that of another interval.
+"""
+
+from __future__ import annotations
+
+import math
+
+from hhtbench.solution.result import Status
+
+SPACINGS = 10.0  # of times: what every solution is off by, whose times are numbers
+FINEST = 1e-10  # relative: no motion is known better after many steps
+END_SPACINGS = 100.0  # before the end of the interval SUNDIALS, and others, take it as reached
+
+
+def unresolved(t_span: tuple[float, float], steps: int, rtol: float, elapsed: float | None = None) -> str:
+    """Why floating-point times do not resolve ``steps`` steps over ``t_span`` [s]; empty where they do.
+
+    ``elapsed`` is the sum of the signed lengths that the solver has used [s].  Where it is not known, every step may be
+    off by half a spacing.
+    """
+    t0, t1 = t_span
+    span, spacing = t1 - t0, math.ulp(max(abs(t0), abs(t1)))
+    text = Status.time_resolution.text
+    if span == 0.0:
+        return ""
+    if (steps - 1) * spacing > abs(span):
+        return f"{steps} steps over {abs(span):.17g} s from t = {t0:.17g} on are more than there are times. {text}"
+    off = (steps / 2 + END_SPACINGS) * spacing if elapsed is None else abs(elapsed - span)
+    if off <= max(max(rtol, FINEST) * abs(span), SPACINGS * spacing):
+        return ""
+    verb = "may be" if elapsed is None else "are"
+    return (
+        f"The lengths of the {steps} steps {verb} {off:.2g} s off the {abs(span):.17g} s from t = {t0:.17g} to {t1:.17g}, "
+        f"where times are {spacing:.2g} s apart. {text}"
+    )

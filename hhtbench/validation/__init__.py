@@ -1,6 +1,0 @@
-"""Cross-solver validation: the pairs of solver and form at tight tolerance, against the reference."""
-
-from hhtbench.validation.plan import validation_campaign
-from hhtbench.validation.verdict import Verdict, judge
-
-__all__ = ["Verdict", "judge", "validation_campaign"]
