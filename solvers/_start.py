@@ -22,7 +22,7 @@ from hhtbench.lowering import (
     singular_at,
 )
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.compile.compiling import too_large
+from hhtbench.lowering.compile.routes import too_large
 from hhtbench.lowering.dynamics.mass import infinite_entry, plain_mass
 from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.lowering.dynamics.regular import with_full_matrices

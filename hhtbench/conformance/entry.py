@@ -35,14 +35,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from unittest import SkipTest
 
+from hhtbench.conformance.subject import Subject
 from hhtbench.conformance.tests import run_tests_named
-
-if TYPE_CHECKING:
-    from hhtbench.conformance.cell import Cell
-    from hhtbench.conformance.subject import Subject
 
 
 class Lane(enum.Enum):
@@ -129,7 +126,7 @@ class Entry:
     needs: tuple[str, ...] = ()  #: of a solver, as :meth:`Subject.lacks` knows them
     scenes: tuple[str, ...] = ()  #: of a claim that is made once on each
     parts: tuple[str, ...] = ()  #: of a claim that is made once for each
-    cells: Callable[[int], Iterable[Cell]] | None = None  #: of a family, by seed
+    cells: Callable[[int], Iterable[Any]] | None = None  #: of a family, by seed
     lane: Lane = Lane.fast
     known: Known = field(default_factory=dict)  #: failures, strict
     goes_in: str = ""  #: of a row
@@ -137,7 +134,7 @@ class Entry:
     gap: str = ""  #: what of a row neither measurement nor tests show
     parameter: str = ""  #: of a family, with its unit
 
-    def cases(self, seed: int = 0) -> Iterator[tuple[str | Cell, ...]]:
+    def cases(self, seed: int = 0) -> Iterator[tuple[Any, ...]]:
         """What :meth:`run` takes after the subject: nothing, a scene or a part of a claim, or a cell of a family."""
         if self.cells is not None:
             yield from ((cell,) for cell in self.cells(seed))
@@ -145,11 +142,11 @@ class Entry:
             cases: list[tuple[str, ...]] = [(case,) for case in self.scenes + self.parts]
             yield from cases or [()]
 
-    def name(self, *case: str | Cell) -> str:
+    def name(self, *case: Any) -> str:
         """Of the check that a case is: "position/order", "nan/force", "stiffness/h = 0.01 s/1e+12", "M1"."""
         return self.id if not case else f"{case[0]}/{self.id}" if self.scenes else f"{self.id}/{case[0]}"
 
-    def run(self, subject: Subject, *case: str | Cell, timed: bool = True, run_tests: bool = False) -> Outcome:
+    def run(self, subject: Subject, *case: Any, timed: bool = True, run_tests: bool = False) -> Outcome:
         """Measure one case; whatever is raised is how it ended.
 
         Parameters
@@ -170,7 +167,7 @@ class Entry:
         name = str(case[0]) if case else ""
         return replace(found, id=self.id, case=name, solver=subject.name, seconds=time.perf_counter() - began)
 
-    def _measured(self, subject: Subject, case: tuple[str | Cell, ...], timed: bool, run_tests: bool) -> Outcome:
+    def _measured(self, subject: Subject, case: tuple[Any, ...], timed: bool, run_tests: bool) -> Outcome:
         if self.measure is None:
             kind, message, failing = run_tests_named(self.tests, run_tests)
             return Outcome(kind=Kind[kind], message=message, failing=failing)
@@ -186,7 +183,7 @@ class Entry:
         """Cases that are known to fail with a solver, none where all do, and the reason; "" where nothing is known."""
         return self.known.get(subject.name) or self.known.get(subject.target) or ((), "")
 
-    def reason(self, subject: Subject, *case: str | Cell) -> str:
+    def reason(self, subject: Subject, *case: Any) -> str:
         """Why a case of a claim or of a family is known to fail; "" where it is not."""
         cases, reason = self.known_of(subject)
         return reason if not cases or (case and str(case[0]) in cases) else ""

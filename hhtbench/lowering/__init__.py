@@ -8,7 +8,8 @@ from Python.  Beside it HHT's loops take machine code by its address from ``nati
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from hhtbench.lowering.compile.compiling import compile_function, route_of, routes, too_large
+from hhtbench.lowering.compile.compiling import compile_function, routes
+from hhtbench.lowering.compile.routes import route_of, too_large
 from hhtbench.lowering.dynamics.derive import derive
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel

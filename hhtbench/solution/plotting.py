@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from hhtbench.solution.result import Solution
 
 MOST_LINES = 24  # of one panel; the rest is not drawn, and the panel says so
 MOST_NAMED = 8  # lines that a legend names
@@ -17,7 +14,7 @@ UNITS = {"q": "q [m, rad]", "v": "v [m/s, rad/s]", "lam": "lam [N, N m]", "mu": 
 Lines = dict[str, tuple[Any, Any]]  # name -> t (k,) and values (k,)
 
 
-def plot_solution(solution: Solution, drift: Any = None) -> Any:
+def plot_solution(solution: Any, drift: Any = None) -> Any:
     """A figure with a panel for each of q, v, lam, mu, and on logarithmic axes estimated error and ``drift``."""
     import matplotlib.pyplot as plt
 
@@ -40,7 +37,7 @@ def plot_solution(solution: Solution, drift: Any = None) -> Any:
     return figure
 
 
-def _columns(solution: Solution, name: str) -> Lines:
+def _columns(solution: Any, name: str) -> Lines:
     values = getattr(solution, name)
     return {f"{name}[{i}]": (solution.t, values[:, i]) for i in range(values.shape[1])}
 

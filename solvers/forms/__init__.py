@@ -1,6 +1,7 @@
 """Index-reduced forms of one system, derived from its Dynamics: what DAE and ODE libraries integrate.
 
-Equations, symbols as in :mod:`hhtbench.protocol.system` (Q is the reaction of the position constraints, Qk of the velocity ones):
+Equations, symbols as in :mod:`hhtbench.protocol.system` (Q is the reaction of the position constraints, Qk that of the
+velocity constraints):
 
     (F1)  q' = v - g_q^T eta
     (F2)  M(t, q) v' = F(t, q, v) + Q(t, q, lam) + Qk(t, q, v, mu)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering import Dynamics
-from hhtbench.lowering.dynamics.kkt import kkt_residual, kkt_terms
+from hhtbench.lowering.dynamics.kkt_rows import kkt_residual, kkt_terms
 from hhtbench.protocol.errors import ProblemError
 from solvers.forms.rows import ROWS, Point
 

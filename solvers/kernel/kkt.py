@@ -13,9 +13,9 @@ import numpy as np
 from hhtbench.lowering import CONSISTENT, Dynamics, Native, NotNative, native
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import find_pattern
-from hhtbench.lowering.compile.compiling import too_large
+from hhtbench.lowering.compile.routes import too_large
 from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, kkt_entries
-from hhtbench.lowering.dynamics.kkt import kkt_residual, kkt_terms
+from hhtbench.lowering.dynamics.kkt_rows import kkt_residual, kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
 from hhtbench.lowering.dynamics.products import paying_products

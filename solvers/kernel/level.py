@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from typing import TYPE_CHECKING
+from typing import Any
 
 from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.dynamics.kkt import Acceleration
@@ -11,9 +11,6 @@ from solvers.kernel import acceleration
 from solvers.kernel import memory as mem
 from solvers.kernel.kkt import GOOD_START, of_full_matrices
 from solvers.kernel.memory import copied, view
-
-if TYPE_CHECKING:
-    from solvers._start import Guesses, Place
 
 
 def compiled_level(dynamics: Dynamics) -> CompiledLevel | None:
@@ -42,7 +39,7 @@ class CompiledLevel:
         #: (rows [t, q, v, lam, mu], done): fills multipliers and marks rows; of many threads at once
         self.recover = acceleration.recover.following(copied(z))
 
-    def at(self, place: Place, guesses: Guesses) -> Acceleration | None:
+    def at(self, place: Any, guesses: Any) -> Acceleration | None:
         """Of the start at ``place``; None where it is not plainly good, or a guess is of another system."""
         n = place.q.size
         with self._lock:

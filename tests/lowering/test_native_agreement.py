@@ -12,7 +12,7 @@ import pytest
 
 import hhtbench
 from hhtbench.lowering import NotNative, derive, native, route_of
-from hhtbench.lowering.dynamics.kkt import kkt_terms
+from hhtbench.lowering.dynamics.kkt_rows import kkt_terms
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import native_call

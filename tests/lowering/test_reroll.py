@@ -7,7 +7,7 @@ from jax import lax
 
 from hhtbench.lowering import derive
 from hhtbench.lowering.dynamics.foreign import foreign
-from hhtbench.lowering.dynamics.kkt import kkt_terms
+from hhtbench.lowering.dynamics.kkt_rows import kkt_terms
 from hhtbench.lowering.scalar_compiler import native_call
 from tests.hht.scenes import Q0, V0, pendulum
 from tests.lowering.native import Nothing, agree, in_loops, native_value

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from hhtbench.lowering import Dynamics, compile_function
-from hhtbench.lowering.dynamics.kkt import kkt_terms
+from hhtbench.lowering.dynamics.kkt_rows import kkt_terms
 from hhtbench.protocol.arguments import Matrix, Vector
 
 States = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)

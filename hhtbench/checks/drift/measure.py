@@ -90,7 +90,7 @@ class Drift:
 
 
 def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
-    """Drift over all internal steps where they are known (:func:`~hhtbench.solution.result.ends_of`), else over rows; None: no state.
+    """Drift over all internal steps where they are known (``ends_of``), else over rows; None: no state.
 
     Never over HHT's rows between steps, which are put onto the constraints: their drift is smaller than that of its steps.
     """

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.checks.problem.deviation import USABLE, Worst, by_differences, of_one_size, worse
+from hhtbench.checks.problem.deviation import USABLE, Derivative, Worst, by_differences, of_one_size, worse
 from hhtbench.checks.problem.reference import Probe, Reference, References, part_rows, parts_of, split
 from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
@@ -36,20 +36,6 @@ SYMBOLS = {
     "reaction": "Q",
     "velocity_reaction": "the velocity reaction",
 }
-
-
-@dataclass(frozen=True)
-class Derivative:
-    """One derivative: where the solvers get it and which block of the reference Jacobian it must equal."""
-
-    declared_as: str  #: name under which a system may declare it, "" if it may not
-    text: str  #: in symbols
-    part: str
-    by: str  #: argument; "motion": along (1, v)
-    member: str  #: function of Dynamics that gives it
-    entry: int | None = None  #: of the several that this returns
-    rests_on: tuple[str, ...] = ()  #: derivatives that it is made from when it is not declared
-    first_order: bool = True  #: on the NumPy route it comes from first-order differences
 
 
 DERIVED: dict[str, Derivative] = {

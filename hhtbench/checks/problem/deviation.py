@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhtbench.checks.problem.reference import Probe, Reference, References, blocks
 from hhtbench.protocol.arguments import Matrix, Vector
 
-if TYPE_CHECKING:
-    from hhtbench.checks.problem.derivatives import Derivative
-
 OWN_ERROR = 2.0  # times the error that differences show themselves is no deviation
 USABLE = 1e-2  # of a row, of which a hundredth of its terms counts: differences with a larger error judge nothing
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """One derivative: where the solvers get it and which block of the reference Jacobian it must equal."""
+
+    declared_as: str  #: name under which a system may declare it, "" if it may not
+    text: str  #: in symbols
+    part: str
+    by: str  #: argument; "motion": along (1, v)
+    member: str  #: function of Dynamics that gives it
+    entry: int | None = None  #: of the several that this returns
+    rests_on: tuple[str, ...] = ()  #: derivatives that it is made from when it is not declared
+    first_order: bool = True  #: on the NumPy route it comes from first-order differences
 
 
 @dataclass(frozen=True)

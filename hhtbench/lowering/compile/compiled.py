@@ -4,21 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.lowering.caching import use_disk_cache
-from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, Route, explain_control_flow, too_large
+from hhtbench.lowering.compile.routes import TRACED_AS_VALUE, Route, explain_control_flow, too_large
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 from hhtbench.lowering.scalar_compiler.lower import Shapes
 from hhtbench.solution.counting import preparing
-
-if TYPE_CHECKING:
-    from hhtbench.lowering.dynamics.dynamics import Dynamics
 
 SMALL = "the system is small and every operation is known"
 
@@ -30,7 +27,7 @@ def _nothing(*_: Any) -> None:
 class Compiled:
     """A function of one JAX dynamics, compiled for argument shapes as they come."""
 
-    def __init__(self, function: Callable[..., Any], dynamics: Dynamics, static: tuple[Any, ...], route: str | None) -> None:
+    def __init__(self, function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...], route: str | None) -> None:
         self.dynamics = dynamics
         self.routes: dict[Shapes, Route] = {}  #: taken so far, by the shapes of the arguments
         self._native, self._route = partial(native, function, dynamics, *static), route

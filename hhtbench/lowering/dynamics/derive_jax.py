@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.lowering.compile.compiling import TRACED_AS_VALUE, explain_control_flow
+from hhtbench.lowering.compile.routes import TRACED_AS_VALUE, explain_control_flow
 from hhtbench.lowering.dynamics.declared import (
     FULL,
     expect_parts,

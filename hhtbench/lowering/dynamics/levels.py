@@ -10,7 +10,8 @@ from typing import Any, NamedTuple, cast
 import numpy as np
 import scipy.sparse as sp
 
-from hhtbench.lowering.compile.compiling import compile_function, route_of, too_large
+from hhtbench.lowering.compile.compiling import compile_function
+from hhtbench.lowering.compile.routes import route_of, too_large
 from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.products import large
 from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import equinox as eqx
 import numpy as np
@@ -16,9 +16,6 @@ from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.banded import factor_banded, solve_banded
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.protocol.arguments import Matrix, Vector
-
-if TYPE_CHECKING:
-    from hhtbench.lowering.dynamics.dynamics import Dynamics
 
 SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
@@ -202,7 +199,7 @@ def full(matrix: Any, xp: Any) -> Any:
     return xp.diag(matrix.values) if isinstance(matrix, Diagonal) else matrix
 
 
-def mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
+def mass_at(dynamics: Any, t: Any, q: Any) -> Any:
     """M (n, n)."""
     return dynamics.mass(t, q)
 
@@ -216,7 +213,7 @@ def infinite_entry(mass: Any) -> tuple[tuple[int, ...], float] | None:
     return (row, column), float(entries[row, column])
 
 
-def singular_at(dynamics: Dynamics, t: float, q: Vector) -> bool:
+def singular_at(dynamics: Any, t: float, q: Vector) -> bool:
     """Whether the mass is singular at (t, q); one that is not finite is not.  Warns where it is not symmetric."""
     if dynamics.structure.mass == "identity":
         return False
@@ -238,7 +235,7 @@ def _judged(mass: Matrix) -> tuple[bool, str]:
     return (mass_is_singular(mass), asymmetry(mass)[1]) if np.isfinite(mass).all() else (False, "")
 
 
-def plain_mass(dynamics: Dynamics) -> bool:
+def plain_mass(dynamics: Any) -> bool:
     """Whether a start can only be refused for a mass that varies: it is a JAX system's own, symmetric, with an inverse."""
     mass = dynamics.constant_mass
     if dynamics.xp is np or dynamics.wraps or mass is None:

@@ -14,7 +14,7 @@ import numpy as np
 from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
-from hhtbench.lowering.compile.compiling import too_large
+from hhtbench.lowering.compile.routes import too_large
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.dynamics import innermost
 from hhtbench.lowering.dynamics.foreign import foreign
