@@ -4,8 +4,10 @@ from collections import Counter
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
+from hhtbench import list_problems
 from hhtbench.lowering import flattening
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
@@ -18,6 +20,8 @@ ANGLE, SPEED = 1.0, 0.5  # of the pendulum at the start [rad, rad/s], counted fr
 Q0 = np.array([np.sin(ANGLE), -np.cos(ANGLE)])
 V0 = SPEED * np.array([np.cos(ANGLE), np.sin(ANGLE)])
 ALPHAS = (0.0, -0.3)
+SLOW = ("bricard", "flyball_governor")  # bodies in space, as heavy_top and rolling_disk3d_steady are, with many joints
+LIBRARY = [pytest.param(name, marks=pytest.mark.long) if name in SLOW else name for name in list_problems()]
 
 
 def gravity(t, q, v):
@@ -170,6 +174,18 @@ class Bead(System):
 
     def constraint(self, t, q):
         return jnp.stack([(q @ q - 1.0) / 2.0])
+
+
+class Ball(System):
+    """A ball above a stiff floor, [m] and [1/s^2]."""
+
+    k: object = parameter(1e8, doc="stiffness over mass [1/s^2]")
+
+    def force(self, t, q, v):
+        return -9.81 + self.k * jnp.maximum(-q, 0.0)
+
+    def energy(self, t, q, v):
+        return 9.81 * q[0] + v[0] ** 2 / 2 + self.k * jnp.maximum(-q[0], 0.0) ** 2 / 2
 
 
 STEPPED = {
