@@ -9,7 +9,7 @@ from hhtbench.protocol import NumpySystem, Scales
 from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import cvode, diffrax_ode, ida
-from tests.adapters.scenes import HOST, KINDS, RING, errors, problem
+from tests.adapters.scenes import EVERY, HOST, KINDS, ON_HOST, RING, errors, problem
 
 ROWS = np.linspace(0.0, 1.0, 7)
 COMPILED = {  # diffrax compiles for seconds: each kind once, each method at least once, where test_counters.py has it too
@@ -61,7 +61,7 @@ def lam_of(motion):
 
 
 @pytest.mark.parametrize("kind", ["position", "mixed", "velocity"])
-@pytest.mark.parametrize("solver", HOST, ids=lambda solver: solver.name)
+@ON_HOST
 def test_the_multipliers_that_a_form_holds_are_told_beside_the_recovered_ones(kind, solver):
     """At rows inside steps too; less accurate than those that follow from q and v, and no copy of them."""
     scene = problem(kind)
@@ -77,7 +77,7 @@ def test_the_multipliers_that_a_form_holds_are_told_beside_the_recovered_ones(ki
     assert steps.carried["lam"].shape == steps.lam.shape
 
 
-@pytest.mark.parametrize("solver", [*HOST, diffrax_ode.solver(method="Tsit5")], ids=lambda solver: solver.name)
+@EVERY
 def test_an_interval_of_no_length_gives_its_one_row(solver):
     solution = solver.solve(problem(t_span=(0.5, 0.5)), Request(rtol=1e-6))
     assert solution.status is Status.success

@@ -133,18 +133,17 @@ def test_a_constant_mass_that_is_not_finite_is_named(solver: str, large: bool, m
     assert f"mass_matrix[0, 0] = {mass}" in found.message
 
 
-class Misspelt(hb.System):
+class Falling(hb.System):
     def force(self, t: Any, q: Any, v: Any) -> Any:
         return jnp.stack([0.0, -9.81])
 
+
+class Misspelt(Falling):
     def constraints(self, t: Any, q: Any) -> Any:
         return jnp.stack([q @ q - 1.0])
 
 
-class Shortened(hb.System):
-    def force(self, t: Any, q: Any, v: Any) -> Any:
-        return jnp.stack([0.0, -9.81])
-
+class Shortened(Falling):
     def mass(self, t: Any, q: Any) -> Any:
         return 2.0 * jnp.eye(2)
 
@@ -161,13 +160,10 @@ class Parameter(hb.System):
         return self.mass * jnp.stack([0.0, -9.81])
 
 
-class Unread(hb.System):
+class Unread(Falling):
     """Its field ``mass`` would be the mass of nothing."""
 
     mass: Any = hb.parameter(3.0)
-
-    def force(self, t: Any, q: Any, v: Any) -> Any:
-        return jnp.stack([0.0, -9.81])
 
 
 class Plain(hb.NumpySystem):

@@ -10,13 +10,8 @@ from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import diffrax_ode, ida, scipy_ivp
 from tests.adapters.liar import lying
-from tests.adapters.scenes import HOST, Growing, numpy_ring, problem
+from tests.adapters.scenes import EVERY, LOOSE, ON_HOST, TSIT5, Growing, numpy_ring, problem
 from tests.lowering.native import compiled_pieces
-
-TSIT5 = diffrax_ode.solver(method="Tsit5")
-EVERY = pytest.mark.parametrize("solver", [*HOST, TSIT5], ids=lambda solver: solver.name)
-ON_HOST = pytest.mark.parametrize("solver", HOST, ids=lambda solver: solver.name)
-LOOSE = Request(rtol=1e-6)
 
 
 @ON_HOST

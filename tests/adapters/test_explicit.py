@@ -20,7 +20,7 @@ from hhtbench.result import Status
 from solvers._run import Halt, Run
 from solvers.explicit.march import march
 from solvers.explicit.steps import NOTHING, CompiledSteps
-from solvers.explicit.tableaux import CLASSES, Tsit5, coefficients
+from solvers.explicit.tableaux import CLASSES, Tsit5
 from solvers.kernel import memory as mem
 from solvers.kernel.memory import view
 from tests.adapters.scenes import numpy_ring, problem
@@ -349,13 +349,6 @@ def test_large_systems_are_stepped_by_the_compiled_loop_as_in_python(name):
     levels = ConstraintLevels(derive(of.system, 0.0, of.q0, of.v0))
     for t, q, v in zip(compiled.t, compiled.q, compiled.v, strict=True):
         assert levels.at(float(t), q, v).hold(q, v, 1e-12)
-
-
-def test_coefficients_are_those_of_scipys_classes():
-    for name, of in CLASSES.items():
-        found = coefficients(name)
-        assert found.exponent == -1 / (of.error_estimator_order + 1)
-        np.testing.assert_allclose(found.a.sum(axis=1), found.c, atol=1e-14)
 
 
 def test_an_error_too_large_to_be_squared_shortens_the_step():

@@ -13,13 +13,7 @@ from hhtbench.request import Request
 from hhtbench.result import Status
 from solvers import cvode, diffrax_ode, ida, projected, scipy_ivp
 from solvers._diffrax_loop import SEGMENT
-from tests.adapters.scenes import HOST, Ring, numpy_ring, problem
-
-TSIT5 = diffrax_ode.solver(method="Tsit5")
-EVERY = pytest.mark.parametrize("solver", [*HOST, TSIT5], ids=lambda solver: solver.name)
-ON_HOST = pytest.mark.parametrize("solver", HOST, ids=lambda solver: solver.name)
-LOOSE = Request(rtol=1e-6)
-
+from tests.adapters.scenes import EVERY, HOST, LOOSE, ON_HOST, TSIT5, Ring, numpy_ring, problem
 
 # --- wrong use --------------------------------------------------------------------------------------------------------
 

@@ -8,10 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from hhtbench import list_problems
-from hhtbench.lowering import flattening
 from hhtbench.lowering.caching import Cache
-from hhtbench.lowering.compile import compiling
-from hhtbench.lowering.scalar_compiler import compiler
 from hhtbench.protocol import NumpySystem, System, parameter
 from solvers.hht.run import functions, idle
 
@@ -123,17 +120,9 @@ def same_bits(first, second):
     return all(getattr(first, name).tobytes() == getattr(second, name).tobytes() for name in names)
 
 
-def forget_code(monkeypatch):
-    """For a test that changes a formula: it is traced anew here, and what was made of it is forgotten afterwards."""
-    kept = (
-        (functions, "_known"),
-        (compiling, "_callables"),
-        (compiler, "_memory"),
-        (compiler, "_last"),
-        (flattening, "_jitted"),
-    )
-    for module, name in kept:
-        monkeypatch.setattr(module, name, Cache(100))
+def forget_engines(monkeypatch):
+    """Systems are prepared anew from here on, and what is prepared is forgotten after the test."""
+    monkeypatch.setattr(functions, "_known", Cache(16))
     monkeypatch.setattr(idle, "_idle", [])
 
 

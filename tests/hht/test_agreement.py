@@ -9,13 +9,12 @@ import pytest
 import hhtbench as hb
 from hhtbench import ProblemError, Status
 from hhtbench.lowering import NotNative
-from hhtbench.lowering.caching import Cache
 from solvers.hht import HHT, Event
 from solvers.hht.equations.coefficients import REACTIONS
-from solvers.hht.run import functions, idle
+from solvers.hht.run import functions
 from solvers.hht.sources import SOURCES
 from solvers.hht.verify import rivals
-from tests.hht.scenes import LIBRARY, Q0, SYSTEMS, V0, Ball
+from tests.hht.scenes import LIBRARY, Q0, SYSTEMS, V0, Ball, forget_engines
 
 STEPS = 20
 CLOSE = 1e-9  # of the largest: roundoff of two ways to compute the same functions, carried over the steps
@@ -186,8 +185,7 @@ def called_back(monkeypatch):
         raise NotNative("none is wanted")
 
     monkeypatch.setattr(functions, "native", refuse)
-    monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", [])
+    forget_engines(monkeypatch)
 
 
 @pytest.mark.parametrize("name", [*MIXED, "planar_chain"])

@@ -99,13 +99,8 @@ def test_one_value_that_is_not_finite_is_retried_wherever_it_falls(name, alpha):
         assert found == 1 or (found == 0 and name.startswith("constraint")), k  # not counted where derivatives are compared
 
 
-def drag_beyond(limit):
-    """v' = -45 v^2, not a number above ``limit`` after the start."""
-    return NumpySystem(force=lambda t, q, v: np.array([np.nan if t > 0.0 and v[0] > limit else -45.0 * v[0] ** 2]))
-
-
 class Drag(System):
-    """The same in JAX; the limit in m/s."""
+    """v' = -45 v^2, not a number above ``limit`` [m/s] after the start."""
 
     limit: object = parameter(0.47)
 
@@ -113,10 +108,9 @@ class Drag(System):
         return jnp.where((t > 0.0) & (v > self.limit), jnp.nan, -45.0 * v**2)
 
 
-@pytest.mark.parametrize("system", [drag_beyond(0.47), Drag()], ids=["numpy", "jax"])
-def test_the_damped_iteration_comes_back_from_where_a_force_is_undefined(system):
+def test_the_damped_iteration_comes_back_from_where_a_force_is_undefined():
     """The first full Newton increment leads from v1 = 0.1 to 0.509, the solution is 0.456."""
-    solution = HHT(system, alpha=0.0).solve((0.0, 0.02), [0.0], [1.0], steps=1)
+    solution = HHT(Drag(), alpha=0.0).solve((0.0, 0.02), [0.0], [1.0], steps=1)
     assert solution.success, solution.message
     v1 = solution.v[-1, 0]
     assert v1 + 0.45 * v1**2 == pytest.approx(0.55, abs=1e-12)  # the trapezoidal rule by hand

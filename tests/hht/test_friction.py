@@ -108,14 +108,6 @@ def test_friction_keeps_order_two_and_both_levels(method):
     assert max(map(drift, runs)) < 1e-12
 
 
-def test_the_error_of_friction_follows_the_tolerance():
-    start = (0.0, END), [1.0, 0.0], [0.0, SPEED]
-    for rtol in (1e-3, 1e-5):
-        solution = HHT(BEAD).solve(*start, rtol=rtol, atol=rtol)
-        assert rtol / 30 < max(errors(solution)[name] for name in ("q", "v")) < 3 * rtol
-        assert drift(solution) < 1e-12
-
-
 @pytest.mark.parametrize("method", METHODS[1:3], ids=str)
 def test_plain_callables_with_declared_jacobians_make_the_same_steps(method):
     wanted, found = (solved(system, 100, **method) for system in (BEAD, NumpySystem(**NUMPY)))

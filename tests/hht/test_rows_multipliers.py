@@ -112,23 +112,6 @@ def test_so_is_that_of_a_stiff_spring_that_turns(how):
     assert off < 1.5 * off_steps < 3.0
 
 
-class Loaded(hb.System):
-    """A body that is held at q = 1 under a load of 50 sin(40 t)."""
-
-    def force(self, t, q, v):
-        return 50.0 * jnp.sin(40.0 * t) * jnp.ones(1)
-
-    def constraint(self, t, q):
-        return q - 1.0
-
-
-def test_a_load_on_what_stands_still_is_the_reaction_at_any_time():
-    """Interpolated multipliers of the steps, four a period, would be off by tens of N."""
-    rows = np.linspace(0.0, 1.0, 301)
-    found = HHT(Loaded()).solve((0.0, 1.0), [1.0], [0.0], steps=25, t_eval=rows)
-    np.testing.assert_allclose(found.lam[:, 0], 50.0 * np.sin(40.0 * rows), atol=1e-12)
-
-
 FLEXIBLE = "slider_crank_flexible"  # a tenth of its interval: a tight reference of the whole takes a minute
 SMOOTH = [
     "simple_pendulum",

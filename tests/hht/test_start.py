@@ -50,18 +50,17 @@ def test_calc_initcond_does_the_same_in_any_unit(unit):
         assert np.abs(np.sum(along_rods(solution.q[0] / unit) ** 2, axis=1) / 2 - squares).max() <= 1e-12
 
 
-class WrongMass(System):
+class Free(System):
     def force(self, t, q, v):
         return jnp.zeros(2)
 
+
+class WrongMass(Free):
     def mass_matrix(self, t, q):
         return jnp.eye(3)
 
 
-class WrongJacobian(System):
-    def force(self, t, q, v):
-        return jnp.zeros(2)
-
+class WrongJacobian(Free):
     def constraint(self, t, q):
         return q[:1]
 
