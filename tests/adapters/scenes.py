@@ -2,8 +2,10 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from hhtbench.protocol.system import Motion, NumpySystem, Problem, System, parameter
+from hhtbench.solution.request import Request
 from solvers import cvode, diffrax_ode, ida, projected, scipy_ivp
 
 OMEGA = 1.5  # angular velocity of the scenes on a circle [rad/s]
@@ -16,6 +18,11 @@ ALL = [
     *(diffrax_ode.solver(method=method) for method in ("Tsit5", "Dopri8", "Kvaerno5")),
 ]
 HOST = [solver for solver in ALL if solver.library != "diffrax"]  # the loop is in Python and callbacks are plain calls
+TSIT5 = diffrax_ode.solver(method="Tsit5")
+ON_HOST, EVERY = (
+    pytest.mark.parametrize("solver", solvers, ids=lambda solver: solver.name) for solvers in (HOST, [*HOST, TSIT5])
+)
+LOOSE = Request(rtol=1e-6)
 
 
 def circle(t, q, radius=1.0):

@@ -9,7 +9,7 @@ from hhtbench.protocol.system import NumpySystem, Scales
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers import cvode, diffrax_ode, ida
-from tests.adapters.scenes import HOST, KINDS, RING, errors, problem
+from tests.adapters.scenes import EVERY, HOST, KINDS, ON_HOST, RING, errors, problem
 
 ROWS = np.linspace(0.0, 1.0, 7)
 COMPILED = {  # diffrax compiles for seconds: each kind once, each method at least once, where test_counters.py has it too
@@ -61,7 +61,7 @@ def lam_of(motion):
 
 
 @pytest.mark.parametrize("kind", ["position", "mixed", "velocity"])
-@pytest.mark.parametrize("solver", HOST, ids=lambda solver: solver.name)
+@ON_HOST
 def test_the_multipliers_that_a_form_holds_are_told_beside_the_recovered_ones(kind, solver):
     """At rows inside steps too; less accurate than those that follow from q and v, and no copy of them."""
     scene = problem(kind)
@@ -77,36 +77,7 @@ def test_the_multipliers_that_a_form_holds_are_told_beside_the_recovered_ones(ki
     assert steps.carried["lam"].shape == steps.lam.shape
 
 
-@pytest.mark.parametrize("solver", [*HOST, diffrax_ode.solver(method="Tsit5")], ids=lambda solver: solver.name)
-def test_time_may_run_backward(solver):
-    scene = problem(t_span=(1.0, 0.0))
-    solution = solver.solve(scene, Request(rtol=1e-8, t_eval=ROWS[::-1]))
-    assert solution.status is Status.success, solution.message
-    np.testing.assert_array_equal(solution.t, ROWS[::-1])
-    assert max(errors(solution, scene.exact)) < 5e-6
-
-
-@pytest.mark.parametrize("solver", [*HOST, diffrax_ode.solver(method="Tsit5")], ids=lambda solver: solver.name)
-def test_output_times_change_neither_the_steps_nor_the_accuracy(solver):
-    scene = problem()
-    steps = solver.solve(scene, Request(rtol=1e-8))
-    asked = np.sort(np.concatenate([np.linspace(0.0, 1.0, 40), [0.5, 1.0], steps.t[3:5]]))  # a pair, and ends of steps
-    rows = solver.solve(scene, Request(rtol=1e-8, t_eval=asked))
-    assert rows.counters.steps_accepted == steps.counters.steps_accepted == steps.t.size - 1
-    np.testing.assert_array_equal(rows.t, asked)
-    np.testing.assert_array_equal(rows.q[-1], steps.q[-1])
-    np.testing.assert_array_equal(rows.q[np.searchsorted(asked, steps.t[3])], steps.q[3])
-    assert errors(rows, scene.exact)[0] <= 1.05 * errors(steps, scene.exact)[0]
-
-
-@pytest.mark.parametrize("solver", [*HOST, diffrax_ode.solver(method="Tsit5")], ids=lambda solver: solver.name)
-def test_a_tighter_tolerance_gives_a_smaller_error(solver):
-    scene = problem()
-    found = [errors(solver.solve(scene, Request(rtol=rtol)), scene.exact)[0] for rtol in (1e-5, 1e-9)]
-    assert found[1] < 1e-2 * found[0]
-
-
-@pytest.mark.parametrize("solver", [*HOST, diffrax_ode.solver(method="Tsit5")], ids=lambda solver: solver.name)
+@EVERY
 def test_an_interval_of_no_length_gives_its_one_row(solver):
     solution = solver.solve(problem(t_span=(0.5, 0.5)), Request(rtol=1e-6))
     assert solution.status is Status.success

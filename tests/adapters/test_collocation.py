@@ -44,6 +44,7 @@ def test_closed_solutions_are_met_to_roundoff(kind, form):
         return
     solution = solver.solve(scene, TIGHT)
     assert solution.status is Status.success, solution.message
+    np.testing.assert_array_equal(solution.t, TIGHT.t_eval)
     q, v, lam, mu = errors(solution, KINDS[kind][1])
     assert max(q, v) < 2e-13
     assert max(lam, mu) < 2e-12
@@ -65,24 +66,8 @@ def test_the_error_falls_with_order_two_s_minus_one(form, stages, monkeypatch):
     assert slope == pytest.approx(2 * stages - 1, abs=0.35)
 
 
-def test_the_error_follows_the_tolerance():
-    def error(rtol):
-        return max(
-            errors(
-                collocation.solver().solve(problem("rheonomic", t_span=(0.0, 20.0)), Request(rtol=rtol)),
-                KINDS["rheonomic"][1],
-            )[:2]
-        )
-
-    assert error(1e-10) < 1e-8
-    assert error(1e-13) < 1e-11
-
-
-def test_it_runs_backward_and_gives_output_exactly_where_it_is_asked():
-    there = collocation.solver().solve(problem("mixed"), TIGHT)
-    np.testing.assert_array_equal(there.t, TIGHT.t_eval)
-    back = problem("mixed", t_span=(1.0, 0.0))
-    solution = collocation.solver().solve(back, Request(rtol=1e-12))
+def test_it_runs_backward():
+    solution = collocation.solver().solve(problem("mixed", t_span=(1.0, 0.0)), Request(rtol=1e-12))
     assert solution.success
     assert max(errors(solution, KINDS["mixed"][1])[:2]) < 1e-11
 

@@ -5,6 +5,7 @@ import threading
 from dataclasses import replace
 from itertools import pairwise
 
+import diffrax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from hhtbench.solution.result import Status
 from solvers._run import Halt, Run
 from solvers.explicit.march import march
 from solvers.explicit.steps import NOTHING, CompiledSteps
-from solvers.explicit.tableaux import CLASSES, Tsit5, coefficients
+from solvers.explicit.tableaux import CLASSES, Tsit5
 from solvers.kernel import memory as mem
 from solvers.kernel.memory import view
 from tests.adapters.scenes import numpy_ring, problem
@@ -124,38 +125,13 @@ def test_steps_are_scipys_where_nothing_is_projected(method, t_span, rtol):
     assert found.counters.residual_evaluations == whole.nfev + 1, "the start's, for its check"
 
 
-def order_conditions(a, b, c):
-    """Residuals of the conditions of order 1 .. 5 for weights ``b``: a tree each, by Butcher."""
-    ac, ac2, aac = a @ c, a @ c**2, a @ a @ c
-    return {
-        1: [b.sum() - 1],
-        2: [b @ c - 1 / 2],
-        3: [b @ c**2 - 1 / 3, b @ ac - 1 / 6],
-        4: [b @ c**3 - 1 / 4, b @ (c * ac) - 1 / 8, b @ ac2 - 1 / 12, b @ aac - 1 / 24],
-        5: [
-            b @ c**4 - 1 / 5,
-            b @ (c**2 * ac) - 1 / 10,
-            b @ ac**2 - 1 / 20,
-            b @ (c * ac2) - 1 / 15,
-            b @ (a @ c**3) - 1 / 20,
-            b @ (c * aac) - 1 / 30,
-            b @ (a @ (c * ac)) - 1 / 40,
-            b @ (a @ ac2) - 1 / 60,
-            b @ (a @ aac) - 1 / 120,
-        ],
-    }
-
-
-def test_tsit5_is_of_order_five_and_its_second_solution_of_order_four():
-    a = np.zeros((7, 7))
-    a[:6, :5], a[6, :6] = Tsit5.A, Tsit5.B
-    b, c = a[6], np.append(Tsit5.C, 1.0)
-    np.testing.assert_allclose(a.sum(axis=1), c, atol=1e-14)
-    for order, residuals in order_conditions(a, b, c).items():
-        np.testing.assert_allclose(residuals, 0, atol=1e-14, err_msg=str(order))
-    second = order_conditions(a, b - Tsit5.E, c)
-    np.testing.assert_allclose(np.concatenate([second[order] for order in (1, 2, 3, 4)]), 0, atol=1e-13)
-    assert np.abs(second[5]).max() > 1e-4, "or the difference would be no estimate"
+def test_the_coefficients_of_tsit5_are_those_of_diffrax():
+    tableau = diffrax.Tsit5.tableau
+    a = [row[: k + 1] for k, row in enumerate(Tsit5.A[1:])]
+    for ours, theirs in zip([*a, Tsit5.B], tableau.a_lower, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-14)
+    np.testing.assert_allclose([*Tsit5.C[1:], 1.0], tableau.c, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(Tsit5.E, tableau.b_error, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize(("method", "order", "counts"), [("DOP853", 8, (8, 16, 32)), ("Tsit5", 5, (32, 64, 128))])
@@ -204,7 +180,7 @@ def test_rows_that_depend_on_others_are_left_out_and_hold_all_the_same():
     assert max(at.scaled_position(1.0).max() for at in worst) < 1e-13
 
 
-@pytest.mark.parametrize("name", ["simple_pendulum", "andrews", "heavy_top", "planar_chain(n_links=10)", "knife_edge"])
+@pytest.mark.parametrize("name", ["andrews", "planar_chain(n_links=10)", "knife_edge"])
 def test_both_engines_make_the_same_steps(name):
     of = hb.load_problem(name)
     compiled, python = (hb.solve(of, f"projected(engine={engine})", rtol=1e-6) for engine in ("compiled", "python"))
@@ -308,14 +284,6 @@ def test_the_same_bits_come_out_twice_and_as_plain_python(of, count):
     np.testing.assert_allclose(rows[0], rows[1], rtol=1e-13, atol=1e-14)
 
 
-@pytest.mark.parametrize("budget", [5, 40, 200])
-def test_a_budget_of_evaluations_is_never_passed_and_steps_before_it_stay(budget):
-    found = hb.solve("simple_pendulum", "projected", rtol=1e-6, max_evaluations=budget)
-    assert found.status is Status.evaluation_budget
-    assert found.counters.residual_evaluations <= budget
-    assert found.t.size == found.counters.steps_accepted + 1
-
-
 LIES = {
     "not finite": (1.0, np.array([np.nan, 0.0, 0.0, 0.0]), Status.unreliable),
     "nowhere": (0.0, np.zeros(4), Status.step_too_small),
@@ -340,25 +308,6 @@ def test_no_more_steps_are_taken_than_allowed(times):
     assert found.counters.steps_accepted == 7
     assert 1 <= found.t.size < whole.t.size
     np.testing.assert_array_equal(found.q, whole.q[: found.t.size])
-
-
-class Ends(System):
-    """The root of what is left: no number beyond t = 1."""
-
-    def force(self, t, q, v):
-        return jnp.stack([jnp.sqrt(1.0 - t), -9.81])
-
-    def constraint(self, t, q):
-        return jnp.stack([(q @ q - 1) / 2])
-
-
-def test_a_force_that_ends_is_named_and_the_rows_before_it_stay():
-    found = hb.solve(hb.Problem(name="ends", system=Ends(), t_span=(0, 2), q0=[1, 0], v0=[0, 0]), "projected", rtol=1e-5)
-    assert found.status is Status.nonfinite_callback
-    assert "force" in found.message
-    assert 0.9 < found.t[-1] <= 1.0
-    assert found.counters.nonfinite_evaluations > 0
-    assert np.isfinite(found.q).all()
 
 
 def test_an_interrupt_leaves_the_steps_before_it():
@@ -400,13 +349,6 @@ def test_large_systems_are_stepped_by_the_compiled_loop_as_in_python(name):
     levels = ConstraintLevels(derive(of.system, 0.0, of.q0, of.v0))
     for t, q, v in zip(compiled.t, compiled.q, compiled.v, strict=True):
         assert levels.at(float(t), q, v).hold(q, v, 1e-12)
-
-
-def test_coefficients_are_those_of_scipys_classes():
-    for name, of in CLASSES.items():
-        found = coefficients(name)
-        assert found.exponent == -1 / (of.error_estimator_order + 1)
-        np.testing.assert_allclose(found.a.sum(axis=1), found.c, atol=1e-14)
 
 
 def test_an_error_too_large_to_be_squared_shortens_the_step():

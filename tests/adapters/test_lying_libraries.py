@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers import cvode, ida, scipy_ivp
 from tests.adapters.liar import lying
-from tests.adapters.scenes import problem
-
-LOOSE = Request(rtol=1e-6)
+from tests.adapters.scenes import LOOSE, problem
 
 
 def set_to(**values):

@@ -4,17 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hhtbench.checks.trust import unresolved
 
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
-from hhtbench.solution.times import unresolved
-from solvers import diffrax_ode
-from tests.adapters.scenes import HOST, errors, problem
+from tests.adapters.scenes import EVERY, TSIT5, errors, problem
 from tests.performance.time_origins import SOLVERS, rows
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
-TSIT5 = diffrax_ode.solver(method="Tsit5")
 UNIX = 2.0**30  # [s]: times are 2.4e-7 s apart
 QUICK = [name for name in SOLVERS if name != "hht(reaction=midpoint)"]
 
@@ -30,7 +28,7 @@ def test_no_success_is_further_off_than_its_tolerance_and_its_times_allow(solver
         assert found[t0].error == pytest.approx(found[0.0].error, rel=0.2, abs=1e-9)
 
 
-@pytest.mark.parametrize("solver", [*HOST, TSIT5], ids=lambda solver: solver.name)
+@EVERY
 def test_a_library_makes_the_same_steps_from_every_origin(solver):
     """Its clock starts at 0; only the times of the rows are rounded, and none comes twice."""
     near, far = (solver.solve(replace(problem(), t_span=(t0, t0 + 1.0)), Request(rtol=1e-6)) for t0 in (0.0, UNIX))
@@ -43,7 +41,7 @@ def test_a_library_makes_the_same_steps_from_every_origin(solver):
     assert np.array_equal(near.q[-1], far.q[-1])
 
 
-@pytest.mark.parametrize("solver", [*HOST, TSIT5], ids=lambda solver: solver.name)
+@EVERY
 @pytest.mark.parametrize("span", [(1.0, 2.0), (2.0, 1.0)])
 def test_forces_and_rows_are_in_the_time_of_the_problem(solver, span):
     """The circle grows with the problem's time, not with the library's."""

@@ -14,9 +14,8 @@ import pytest
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers import cvode, ida
-from tests.adapters.scenes import HOST, numpy_ring
+from tests.adapters.scenes import HOST, LOOSE, ON_HOST, numpy_ring
 
-LOOSE = Request(rtol=1e-6)
 SUNDIALS = pytest.mark.parametrize("solver", [ida.solver(), cvode.solver()], ids=lambda solver: solver.name)
 PATIENCE = 60.0  # [s] for a thread that never comes
 
@@ -39,7 +38,7 @@ def test_nothing_of_a_library_is_printed(capfd):
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("solver", HOST, ids=lambda solver: solver.name)
+@ON_HOST
 def test_nothing_of_a_library_is_printed_where_times_do_not_resolve_its_steps(solver, capfd):
     """SUNDIALS warns of that in C, past ``sys.stdout``."""
     pendulum = numpy_ring(force=lambda t, q, v: np.array([0.0, -9.81]))

@@ -71,10 +71,6 @@ class Moment:
     def packed(self):
         return self.q, self.v, self.vdot, self.lam, self.mu
 
-    def along(self, s):
-        """The parabola through the state, ``s`` [s] later: exact to third order in position, second in velocity."""
-        return self.q + s * self.v + s**2 / 2 * self.vdot, self.v + s * self.vdot, self.vdot, self.lam, self.mu
-
 
 def moment_of(problem, seed=1):
     """A consistent random state near a problem's start, at a time inside its interval."""

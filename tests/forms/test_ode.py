@@ -4,37 +4,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
-import hhtbench
 from hhtbench.lowering import AccelerationLevel, derive
 from hhtbench.protocol.system import NumpySystem
 from solvers.forms import make_form, rhs_function
-from solvers.forms.layout import Layout, jacobian_function, residual_function
-from tests.forms.scenes import C, Linear
+from tests.forms.scenes import Linear
 from tests.lowering.systems import (
-    MASSLESS_NUMPY,
     PENDULUM_NUMPY,
     RUBBING_NUMPY,
-    WHEEL_NUMPY,
-    MasslessWheel,
     Pendulum,
-    Rich,
     Rubbing,
 )
 
 Q3, V3 = np.array([0.6, 0.8, 0.48]), np.array([0.8, -0.6, 0.28])
-
-
-@pytest.mark.parametrize(("name", "t_end"), [("knife_edge", 5.0), ("oscillator_chain", 0.2), ("jay_negrut_pendulum", 0.3)])
-def test_the_ode_form_integrated_by_dop853_reaches_the_closed_solution(name, t_end):
-    problem = hhtbench.load_problem(name)
-    form = make_form("ode", derive(problem.system, 0.0, problem.q0, problem.v0))
-    start = np.concatenate([problem.q0, problem.v0])
-    found = solve_ivp(form.rhs, (0.0, t_end), start, "DOP853", rtol=1e-12, atol=1e-12)
-    state, exact = form.state(found.y[:, -1]), problem.exact(t_end)
-    for value, expected, scale in ((state.q, exact.q, problem.scales.q), (state.v, exact.v, problem.scales.v)):
-        assert np.max(np.abs(value - expected) / scale) < 1e-9
 
 
 def test_the_traced_right_hand_side_has_the_jacobian_of_the_form():
@@ -45,32 +27,6 @@ def test_the_traced_right_hand_side_has_the_jacobian_of_the_form():
     form = make_form("ode", dynamics)
     np.testing.assert_allclose(form.rhs_jacobian(0.2, np.asarray(y)), traced, rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(form.rhs(0.2, np.asarray(y)), rhs_function(dynamics, 0.2, y), rtol=1e-12, atol=1e-12)
-
-
-def test_the_jacobian_of_a_dae_form_is_that_of_the_whole_residual_differentiated_at_once():
-    """Put together from blocks, so that declared derivatives and zeros are used; GGL holds all rows but (F5), (F7)."""
-    dynamics = derive(Rich(), 0.2, Q3, V3)
-    layout = Layout("ggl", dynamics.structure)
-    y, yp = jnp.linspace(0.3, 0.9, layout.size), jnp.linspace(0.2, 0.7, layout.size)
-
-    def both(y, yp):
-        by_y, by_yp = jax.jacfwd(residual_function, (3, 4))(dynamics, layout, 0.2, y, yp)
-        return jacobian_function(dynamics, layout, 0.2, y, yp, C), by_y + C * by_yp
-
-    blocks, whole = jax.jit(both)(y, yp)
-    np.testing.assert_allclose(blocks, whole, rtol=1e-13, atol=1e-13)
-
-
-@pytest.mark.parametrize(
-    ("system", "tolerance"),
-    [(MASSLESS_NUMPY, 1e-7), (MasslessWheel(), 1e-11), (WHEEL_NUMPY, 1e-9)],
-    ids=["position, numpy", "velocity, jax", "velocity, numpy"],
-)
-def test_a_singular_mass_with_a_regular_kkt_matrix_has_an_ode(system, tolerance):
-    dynamics = derive(system, 0.2, Q3, V3)
-    found = make_form("ode", dynamics).rhs(0.2, np.concatenate([Q3, V3]))
-    expected = AccelerationLevel(dynamics).solve(0.2, Q3, V3)
-    np.testing.assert_allclose(found, np.concatenate([V3, expected.vdot]), rtol=tolerance, atol=tolerance)
 
 
 @pytest.mark.parametrize("system", [Pendulum(), PENDULUM_NUMPY], ids=["jax", "numpy"])

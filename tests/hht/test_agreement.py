@@ -9,19 +9,16 @@ import pytest
 import hhtbench as hb
 from hhtbench import ProblemError, Status
 from hhtbench.lowering import NotNative
-from hhtbench.lowering.caching import Cache
-from problems.stiff_spring_pendulum import problem as stiff_spring
 from solvers.hht import HHT, Event
 from solvers.hht.equations.coefficients import REACTIONS
-from solvers.hht.run import functions, idle
+from solvers.hht.run import functions
 from solvers.hht.sources import SOURCES
 from solvers.hht.verify import rivals
-from tests.hht.scenes import Q0, SYSTEMS, V0
+from tests.hht.scenes import LIBRARY, Q0, SYSTEMS, V0, Ball, forget_engines
 
 STEPS = 20
 CLOSE = 1e-9  # of the largest: roundoff of two ways to compute the same functions, carried over the steps
 RECOVERED = 1e-12  # of the largest: multipliers of the rows are found in another way around compiled loops
-NAMES = hb.list_problems()
 METHODS = [
     {"alpha": -0.3},
     {"alpha": -0.3, "b": 0.25},
@@ -31,6 +28,7 @@ METHODS = [
     {"alpha": -0.1, "start": "shifted"},
     {"alpha": -0.2, "start": "trapezoidal", "rescale_a": False},
 ]
+RIVALS = ("ggl", "index3", "extended", "hht_i3", "rattle")
 EXTRAPOLATED = ({}, {"b": 0.2}, *({"reaction": name} for name in REACTIONS[1:]))
 MIXED = ["jay_negrut_pendulum", "andrews", "rolling_disk_incline", "jay_negrut_test1", "knife_edge", "oscillator_chain"]
 
@@ -71,7 +69,7 @@ def assert_close(one, other, close=CLOSE):
 # --- compiled and plain Python
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", LIBRARY)
 def test_every_problem_moves_the_same_with_constant_steps_and_under_error_control(name):
     problem = hb.load_problem(name)
     t0, t1 = problem.t_span
@@ -101,38 +99,41 @@ def test_every_method_moves_the_same(name, options):
     assert_bits(*both(problem, None, options, rtol=1e-3, max_num_steps=STEPS))
 
 
-@pytest.mark.parametrize("name", ["ggl", "index3", "extended", "hht_i3", "rattle"])
-def test_the_methods_of_the_field_move_the_same(name):
-    kind, options = rivals.METHODS[name]
-    assert_bits(*both(hb.load_problem("simple_pendulum"), (0.0, 0.3), options, kind=kind, steps=30))
+HOW = ({"step": 1e-3}, {"rtol": 1e-4})
+LIGHT = "stiff_spring_pendulum(stiffness=1e10, m1=1e-6)"  # a light mass, where two engines once ended differently
+ALGEBRA = ("dense", "band", "sparse")  # machine code for 5 links, callbacks into XLA for 40
+WAYS = [
+    *(
+        ("simple_pendulum", (0.0, 0.3), rivals.METHODS[name][1], {"kind": rivals.METHODS[name][0], "steps": 30})
+        for name in RIVALS
+    ),
+    *(("jay_negrut_pendulum", (0.0, -0.05), {}, how) for how in HOW),
+    *(
+        (f"planar_chain(n_links={n})", None, {"linsolver": x}, {"rtol": 1e-3, "max_num_steps": 5})
+        for n in (5, 40)
+        for x in ALGEBRA
+    ),
+    *((LIGHT, (0.0, 1000 * h), {"alpha": 0.0}, {"steps": 1000}) for h in (1e-5, 8e-6)),
+    *(
+        ("jay_negrut_pendulum", None, {}, {"steps": 1000, **budget})
+        for budget in ({"max_evaluations": 100}, {"max_num_steps": 17})
+    ),
+]
 
 
-@pytest.mark.parametrize("how", [{"step": 1e-3}, {"rtol": 1e-4}], ids=str)
-def test_time_runs_backward_the_same(how):
-    assert_bits(*both(hb.load_problem("jay_negrut_pendulum"), (0.0, -0.05), **how))
+@pytest.mark.parametrize(("name", "span", "options", "request_"), WAYS, ids=str)
+def test_every_way_moves_the_same(name, span, options, request_):
+    """Methods of the field, time backward, every linear algebra, a mass ratio of a million, and runs cut by a budget."""
+    compiled, plain = both(hb.load_problem(name), span, options, **request_)
+    assert_bits(compiled, plain)
+    cut = {"max_evaluations": Status.evaluation_budget, "max_num_steps": Status.max_steps}
+    assert compiled.status is next((cut[limit] for limit in cut if limit in request_), Status.success)
 
 
-@pytest.mark.parametrize("kind", ["dense", "band", "sparse"])
-@pytest.mark.parametrize("links", [5, 40])
-def test_every_linear_algebra_moves_the_same(links, kind):
-    """Machine code for 5 links, callbacks into XLA for 40."""
-    problem = hb.load_problem(f"planar_chain(n_links={links})")
-    assert_bits(*both(problem, None, {"linsolver": kind}, rtol=1e-3, max_num_steps=5))
-
-
-def test_functions_in_python_move_the_same():
-    for how in ({"step": 0.01}, {"rtol": 1e-4}):
-        compiled, plain = (
-            HHT(SYSTEMS["numpy"], engine=name).solve((0.0, 0.3), Q0, V0, **how) for name in ("compiled", "python")
-        )
-        assert_bits(compiled, plain)
-
-
-@pytest.mark.parametrize("h", [1e-5, 8e-6])
-def test_a_mass_ratio_of_a_million_has_one_answer(h):
-    """A light mass between a stiff spring and a rod, where two engines once ended differently."""
-    scene = stiff_spring(stiffness=1e10, m1=1e-6)
-    assert_bits(*both(scene, (0.0, 1000 * h), {"alpha": 0.0}, steps=1000))
+@pytest.mark.parametrize("how", HOW, ids=str)
+def test_functions_in_python_move_the_same(how):
+    runs = (HHT(SYSTEMS["numpy"], engine=name).solve((0.0, 0.3), Q0, V0, **how) for name in ("compiled", "python"))
+    assert_bits(*runs)
 
 
 @pytest.mark.parametrize(("name", "steps"), [("kapitza_pendulum", 60), ("planar_chain", 40)])
@@ -156,13 +157,6 @@ def test_events_come_at_the_same_times():
         for ours, theirs in zip(compiled.t_events, plain.t_events, strict=True):
             np.testing.assert_array_equal(ours, theirs)
         assert compiled.counters.event_evaluations > 0
-
-
-@pytest.mark.parametrize("request_", [{"max_evaluations": 100}, {"max_num_steps": 17}], ids=str)
-def test_budgets_end_in_the_same_status_with_all_steps_kept(request_):
-    compiled, plain = both(hb.load_problem("jay_negrut_pendulum"), steps=1000, **request_)
-    assert compiled.status in (Status.evaluation_budget, Status.max_steps)
-    assert_bits(compiled, plain)
 
 
 class Vanishing(hb.System):
@@ -191,8 +185,7 @@ def called_back(monkeypatch):
         raise NotNative("none is wanted")
 
     monkeypatch.setattr(functions, "native", refuse)
-    monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", [])
+    forget_engines(monkeypatch)
 
 
 @pytest.mark.parametrize("name", [*MIXED, "planar_chain"])
@@ -252,18 +245,6 @@ def test_an_event_over_a_number_that_changes_is_seen_to_change(engine):
     assert solution.q[-1, 0] == pytest.approx(0.1, abs=1e-12)
 
 
-def test_two_runs_side_by_side_have_memories_of_their_own():
-    problem, hhts = hb.load_problem("jay_negrut_pendulum"), []
-    whole = solve(problem, (0.0, 0.1), steps=100)
-    for _ in range(2):
-        hhts.append(HHT(problem.system))
-        hhts[-1].init_step(0.0, problem.q0, problem.v0, step=1e-3)
-    for ahead, hht in ((40, hhts[0]), (10, hhts[1]), (60, hhts[0]), (90, hhts[1])):
-        for _ in range(ahead):
-            hht.step()
-    assert np.array_equal([hht.state.q for hht in hhts], [whole.q[-1]] * 2)
-
-
 class TwoMasses(hb.System):
     """Springs between two masses and a wall; the declared Jacobian says that there are none."""
 
@@ -281,13 +262,6 @@ def test_entries_that_a_wrong_jacobian_leaves_out_come_back_with_the_derived_one
     with pytest.warns(UserWarning, match="failed with the declared force_jacobians and converged without"):
         solution = HHT(TwoMasses(), alpha=-0.3, engine=engine).solve((0.0, 0.1), [1.0, 0.5], [0.0, 0.0], step=0.01)
     assert solution.success
-
-
-class Ball(hb.System):
-    """A unit mass that falls onto a stiff ground."""
-
-    def force(self, t, q, v):
-        return jnp.where(q < 0.0, -1e8 * q, 0.0) - 9.81
 
 
 @pytest.mark.parametrize("level", [0.7, 0.5, 0.3])

@@ -11,6 +11,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hhtbench.conformance.extremes.linkages import DoublePendulum
 
 import hhtbench as hb
 from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
@@ -30,25 +31,23 @@ def stepped(solver, count):
     return result
 
 
-SAVED = [(scene, "constant") for scene in STEPPED] + [
-    ("jax", "controlled"),
-    ("numpy", "controlled"),
-    ("singular mass", "controlled"),
-]
+SAVED = [(scene, "constant", {}) for scene in STEPPED]
+SAVED += [(scene, "controlled", {}) for scene in ("jax", "numpy", "singular mass")]
+SAVED += [("rods", accuracy, {"extrapolate_reaction": True}) for accuracy in ACCURACY]
+SCENES = {**STEPPED, "rods": (DoublePendulum(ratio=1e4), *DoublePendulum.straight(0.5))}
 
 
 @pytest.mark.filterwarnings("ignore:Newton's iteration failed with the declared")
-@pytest.mark.parametrize(("scene", "accuracy"), SAVED)
-def test_a_run_that_was_checkpointed_and_resumed_goes_on_bit_by_bit(scene, accuracy):
-    system, q0, v0 = STEPPED[scene]
-    whole = begun(system, accuracy, q0, v0, alpha=-0.3)
-    parts = begun(system, accuracy, q0, v0, alpha=-0.3)
+@pytest.mark.parametrize(("scene", "accuracy", "options"), SAVED)
+def test_a_run_that_was_checkpointed_and_resumed_goes_on_bit_by_bit(scene, accuracy, options):
+    system, q0, v0 = SCENES[scene]
+    whole, parts = (begun(system, accuracy, q0, v0, alpha=-0.3, **options) for _ in range(2))
     expected = stepped(whole, 30)
     found = []
     for count in (0, 1, 2, 17, 10):  # saved before the first step, after one, after two, later
         found += stepped(parts, count)
         saved = parts.checkpoint()
-        parts = HHT(system, alpha=-0.3)
+        parts = HHT(system, alpha=-0.3, **options)
         parts.resume(saved)
         assert parts.counters == (found[-1][2] if found else parts.counters)
     assert found == expected
@@ -94,6 +93,7 @@ def test_foreign_bytes_other_versions_and_other_solvers_are_refused_by_name():
             resume(bad)
     for other, text in (
         (HHT(SYSTEMS["jax"], alpha=-0.3), "method"),
+        (HHT(SYSTEMS["jax"], extrapolate_reaction=True), "method"),
         (HHT(SYSTEMS["jax"], max_step=0.1), "control"),
         (HHT(SYSTEMS["jax"], without="mass"), "without"),
         (HHT(SYSTEMS["jax"], events=height), "events"),

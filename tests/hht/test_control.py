@@ -8,38 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import hhtbench as hb
-from hhtbench.protocol.system import NumpySystem
 from solvers.hht import HHT
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.equations.formulas import growth
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum_at
 
-TOLERANCES = (1e-3, 1e-4, 1e-5)
-
-
-def error_at_end(solution, exact):
-    return max(np.abs(solution.q[-1] - exact[0]).max(), np.abs(solution.v[-1] - exact[1]).max())
-
-
 # --- what is asked for comes
-
-
-@pytest.mark.parametrize("options", [{}, {"alpha": -0.3}, {"alpha": 0.0, "b": 0.25}, {"reaction": "midpoint"}])
-def test_the_error_follows_the_tolerance_and_the_work_its_cube_root_and_a_half(options):
-    """Row M12: h^3 ~ tol^(3/2), so the error falls with the tolerance and the steps grow with its root."""
-    errors, steps = [], []
-    for tolerance in TOLERANCES:
-        solution = HHT(JAX_PENDULUM, **options).solve((0.0, 1.0), Q0, V0, rtol=tolerance, atol=tolerance)
-        assert solution.success
-        errors.append(error_at_end(solution, pendulum_at(1.0)))
-        steps.append(solution.counters.steps_accepted)
-        rejected = solution.counters.steps_rejected_error
-        assert rejected <= 0.15 * steps[-1] + 1
-    slope = np.polyfit(np.log(TOLERANCES), np.log(errors), 1)[0]
-    assert 0.8 <= slope <= 1.2
-    assert np.polyfit(np.log(TOLERANCES), np.log(steps), 1)[0] == pytest.approx(-0.5, abs=0.1)
-    assert all(0.05 * tolerance <= error <= 20 * tolerance for tolerance, error in zip(TOLERANCES, errors, strict=True))
 
 
 def local_solution(problem, state, t1, other):
@@ -89,17 +64,23 @@ def test_tolerances_per_component_tighten_what_they_name():
     assert np.abs(tight.v[-1] - pendulum_at(1.0)[1]).max() < 2e-5
 
 
-@pytest.mark.parametrize("alpha", [-0.05, -0.3])
-@pytest.mark.parametrize("stiffness", ["1e6", "1e10", "1e12"])
-def test_stiff_springs_are_passed_over_at_the_accuracy_asked_for(stiffness, alpha):
-    """Only the filter of (H25) makes this finish: the reference is the rigid rod, 1/k away."""
+@pytest.mark.parametrize(
+    ("rtol", "alpha", "stiffness", "steps", "error"),
+    [(1e-3, alpha, stiffness, 300, 5e-3) for alpha in (-0.05, -0.3) for stiffness in ("1e6", "1e10", "1e12")]
+    + [(3e-3, -0.1, stiffness, 100, 9e-3) for stiffness in ("1e8", "1e10", "1e12")],
+)
+def test_stiff_springs_are_passed_over_at_the_accuracy_asked_for(rtol, alpha, stiffness, steps, error):
+    """Only the filter of (H25) makes this finish: the reference is the rigid rod, 1/k away.
+
+    That a spring which has turned is not left unbalanced shows in the imbalance alone: increments by a matrix of its old
+    direction are small there.
+    """
     rigid = hb.load_problem("stiff_spring_pendulum(stiffness=inf)").reference
     problem = hb.load_problem(f"stiff_spring_pendulum(stiffness={stiffness})")
-    solution = hb.load_solver(f"hht(alpha={alpha})").solve(problem, hb.Request(rtol=1e-3, t_eval=rigid["t"]))
+    solution = hb.load_solver(f"hht(alpha={alpha})").solve(problem, hb.Request(rtol=rtol, t_eval=rigid["t"]))
     assert solution.success
-    assert solution.counters.steps_accepted < 300
-    error = np.abs(solution.q - rigid["q"]).max() / np.max(problem.scales.q)
-    assert error < 5e-3
+    assert solution.counters.steps_accepted < steps
+    assert np.abs(solution.q - rigid["q"]).max() / np.max(problem.scales.q) < error
 
 
 # --- the length of steps
@@ -123,15 +104,9 @@ def test_the_controller_never_grows_by_more_than_a_half(errors, rejected):
 def test_bounds_of_the_step_are_kept():
     free = HHT(JAX_PENDULUM).solve((0.0, 1.0), Q0, V0, rtol=1e-3)
     short = HHT(JAX_PENDULUM, max_step=0.004, first_step=0.001).solve((0.0, 1.0), Q0, V0, rtol=1e-3)
+    long = HHT(JAX_PENDULUM, min_step=0.02).solve((0.0, 1.0), Q0, V0, rtol=1e-2)
     assert np.abs(short.steps_data.h).max() <= 0.004 < free.steps_data.h.max()
     assert short.steps_data.h[0] == 0.001
+    assert long.success
+    assert long.steps_data.h[:-1].min() >= 0.02
     assert free.t[-1] == short.t[-1] == 1.0
-
-
-def test_free_fall_is_not_stepped_over_without_limit():
-    """Row M13: the estimate vanishes, the growth stays bounded, and the end is exact."""
-    fall = NumpySystem(force=lambda t, q, v: np.array([0.0, -9.81]))
-    solution = HHT(fall).solve((0.0, 10.0), [0.0, 0.0], [1.0, 0.0], rtol=1e-6)
-    assert solution.q[-1] == pytest.approx([10.0, -0.5 * 9.81 * 100], rel=1e-12)
-    ratios_ = solution.steps_data.h[1:] / solution.steps_data.h[:-1]
-    assert ratios_.max() <= 1.5 + 1e-12

@@ -52,16 +52,6 @@ def test_a_function_that_jumps_is_located_to_roundoff(function, terminal, how):
     assert abs(solution.t_events[0][0] - 0.3) < 1e-15 * 4
 
 
-@pytest.mark.parametrize("how", HOW, ids=str)
-@pytest.mark.parametrize("event", [height, Event(height, terminal=True), Event(height, change=lambda t, q, v: (q, v))])
-def test_a_motion_that_begins_on_a_zero_has_no_event_there(event, how):
-    solution = drift(event, **how)
-    assert solution.status is Status.success
-    assert solution.t_events[0].size == 0
-    ball = HHT(FREE, events=event).solve((0.0, 1.0), [0.0], [GRAVITY / 4], **how)  # up, and back at t = 1/2
-    np.testing.assert_allclose(ball.t_events[0], [0.5], rtol=1e-14)
-
-
 @pytest.mark.parametrize("off", [-1e-16, 1e-16])
 def test_a_start_that_misses_the_zero_by_roundoff_counts_as_on_it(off):
     ball = HHT(FREE, events=height).solve((0.0, 1.0), [off], [GRAVITY / 4], step=0.1)
@@ -79,15 +69,6 @@ def test_a_zero_exactly_at_the_end_is_one_event(kind, how):
     if kind == "change":
         assert np.array_equal(solution.v[-1], 2 * solution.v[-2])
         assert np.array_equal(solution(1.0).v, solution.v[-1])
-
-
-def test_a_motion_goes_on_from_a_terminal_event_without_meeting_it_again():
-    level = Event(lambda t, q, v: q[0] - 0.3, terminal=True)
-    solver = HHT(SYSTEMS["numpy"], events=level)
-    first = solver.solve((0.0, 3.0), Q0, V0, step=0.01)
-    second = solver.solve((first.t[-1], 3.0), first.q[-1], first.v[-1], step=0.01)
-    assert second.status is Status.event
-    assert second.t[-1] > first.t[-1] + 0.1
 
 
 @pytest.mark.parametrize("how", HOW, ids=str)

@@ -9,12 +9,8 @@ from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import AT_REST, FREE, GRAVITY, HOW, height
+from tests.hht.scenes import SYSTEMS
 
-ROD = NumpySystem(
-    force=lambda t, q, v: np.array([0.0, -GRAVITY]),
-    constraint=lambda t, q: np.array([(q @ q - 1) / 2]),
-    constraint_jacobian=lambda t, q: q[None],
-)
 TWO = NumpySystem(force=lambda t, q, v: np.full(2, -GRAVITY))
 
 
@@ -68,7 +64,9 @@ def test_bounces_pile_up_when_steps_are_made_by_hand(how):
 @pytest.mark.parametrize("level", [0.1, -0.1])
 def test_a_rod_stays_on_its_side_of_a_wall(level, restitution):
     """Beyond its lowest point the rod falls off the wall again; before it, it comes to rest there."""
-    solution = HHT(ROD, events=floor(level, restitution)).solve((0.0, 6.0), [np.sin(1.0), -np.cos(1.0)], [0, 0], step=0.02)
+    solution = HHT(SYSTEMS["numpy"], events=floor(level, restitution)).solve(
+        (0.0, 6.0), [np.sin(1.0), -np.cos(1.0)], [0, 0], step=0.02
+    )
     assert solution.status is (Status.time_resolution if level > 0 else Status.success)
     assert solution.q[:, 0].min() > level - 1e-14
     assert solution.t_events[0].size > 0

@@ -10,9 +10,8 @@ from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from solvers.hht.equations.coefficients import Coefficients
-from solvers.hht.verify.measure import Case, refine, scaled_drift
 from tests.hht.event_scenes import impacts, wall
-from tests.hht.scenes import JAX_PENDULUM, Q0, V0, bits, pendulum, pendulum_at, tension_at
+from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum, pendulum_at, tension_at
 
 ON = {"extrapolate_reaction": True}
 MIDDLES = np.concatenate([[0.0], np.arange(0.5, 400.0) / 400.0])  # of 400 steps in a second; the motion begins at 0
@@ -37,16 +36,6 @@ def test_vibrations_in_steps_far_too_long_are_damped_on_equal_and_on_changing_st
 
     assert max(end(product, **ON) for product in (2.1, 5.0, 20.0, 200.0)) < left
     assert end(5.0, b=1.0) > 0.5
-
-
-def test_the_order_is_two_and_both_levels_hold():
-    case = Case("simple_pendulum", 1.0, 10)
-    counts = (100, 200, 400)
-    assert refine(case, counts, alpha=-0.05, **ON).orders("qv") == pytest.approx({"q": 2.0, "v": 2.0}, abs=0.06)
-    uneven = [np.tile([1 / 3, 2 / 3], n // 2) * 2.0 / n for n in counts]
-    assert refine(case, uneven, alpha=-0.05, **ON).orders("qv") == pytest.approx({"q": 2.0, "v": 2.0}, abs=0.06)
-    p = case.problem
-    assert max(scaled_drift(p, HHT(p.system, **ON).solve((0.0, 1.0), p.q0, p.v0, steps=200))) < 1e-12
 
 
 @pytest.mark.parametrize(
@@ -99,23 +88,6 @@ def test_multipliers_of_steps_far_shorter_than_the_next_disturb_nothing(short):
         return np.max(np.abs(solution.q[-1] - exact[-1]))
 
     assert error(np.array([0.02] * 20 + [short] * 3 + [0.02] * 20)) < 1.1 * error(np.full(40, 0.02))
-
-
-@pytest.mark.parametrize("accuracy", [{"step": 0.01}, {"rtol": 1e-4}], ids=str)
-def test_a_run_that_was_checkpointed_and_resumed_goes_on_bit_by_bit(accuracy):
-    whole, parts, ends = rods(1e4), rods(1e4), []
-    whole.init_step(0.0, *STRAIGHT, **accuracy)
-    parts.init_step(0.0, *STRAIGHT, **accuracy)
-    for count in (0, 1, 2, 9):
-        for _ in range(count):
-            assert whole.step() is parts.step() is Status.success
-            ends.append(bits(whole.state) == bits(parts.state))
-        saved = parts.checkpoint()
-        parts = rods(1e4)
-        parts.resume(saved)
-    assert all(ends)
-    with pytest.raises(ProblemError, match="extrapolated"):
-        HHT(DoublePendulum(ratio=1e4)).resume(saved)
 
 
 def test_a_blow_begins_with_the_multipliers_after_it():

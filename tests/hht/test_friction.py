@@ -108,25 +108,6 @@ def test_friction_keeps_order_two_and_both_levels(method):
     assert max(map(drift, runs)) < 1e-12
 
 
-def test_stage_multipliers_of_friction_are_of_order_one_and_their_mean_of_order_two():
-    runs = [solved(BEAD, steps, **METHODS[0]) for steps in (200, 400)]
-    assert orders(runs, ("start", "end", "middle")) == pytest.approx([1.0, 1.0, 2.0], abs=0.05)
-
-
-def test_friction_keeps_order_two_on_alternating_steps():
-    runs = [solved(BEAD, np.tile([1.0, 2.0], n) * END / (3 * n), **METHODS[1]) for n in (100, 200)]
-    assert orders(runs) == pytest.approx([2.0, 2.0, 2.0], abs=0.05)
-    assert max(map(drift, runs)) < 1e-12
-
-
-def test_the_error_of_friction_follows_the_tolerance():
-    start = (0.0, END), [1.0, 0.0], [0.0, SPEED]
-    for rtol in (1e-3, 1e-5):
-        solution = HHT(BEAD).solve(*start, rtol=rtol, atol=rtol)
-        assert rtol / 30 < max(errors(solution)[name] for name in ("q", "v")) < 3 * rtol
-        assert drift(solution) < 1e-12
-
-
 @pytest.mark.parametrize("method", METHODS[1:3], ids=str)
 def test_plain_callables_with_declared_jacobians_make_the_same_steps(method):
     wanted, found = (solved(system, 100, **method) for system in (BEAD, NumpySystem(**NUMPY)))

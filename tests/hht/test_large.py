@@ -8,12 +8,13 @@ from hhtbench import System, load_problem
 from hhtbench.lowering import NotNative, derive, flattening
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
-from hhtbench.lowering.dynamics import jax_dynamics, products
+from hhtbench.lowering.dynamics import jax_dynamics
 from problems.planar_chain import PlanarChain
 from solvers._projection import Projection
 from solvers.hht import HHT
-from solvers.hht.run import functions, idle
+from solvers.hht.run import functions
 from solvers.kernel import kkt
+from tests.hht.scenes import forget_engines
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
@@ -23,10 +24,6 @@ LARGE = (
     *(CHAIN, "bead_chain(n_beads=45)", "four_bars(n_windows=20)", "fekete(n_points=42)"),
     *("fput_chain(n_masses=250)", "oscillator_chain(n_masses=250)", BAR),
 )
-
-
-def dynamics_of(problem):
-    return derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
 
 
 def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(monkeypatch):
@@ -39,8 +36,7 @@ def test_rows_of_a_large_chain_have_the_multipliers_that_are_found_one_by_one(mo
 
     monkeypatch.setattr(kkt, "kkt_code", refuse)
     monkeypatch.setattr(kkt, "_known", Cache(16))
-    monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", [])
+    forget_engines(monkeypatch)
     one_by_one = HHT(problem.system).solve(span, problem.q0, problem.v0, step=1e-4)
     assert not np.array_equal(many.lam, one_by_one.lam), "the same way was taken"
     np.testing.assert_allclose(many.lam, one_by_one.lam, rtol=0.0, atol=1e-10 * np.abs(one_by_one.lam).max())
@@ -57,21 +53,13 @@ def test_a_bar_moves_the_same_by_the_entries_of_its_mass_and_by_full_matrices(ac
     hht, sparse = bar_moved(2e-3, **accuracy)
     assert "machine code, band matrix" in hht.engine_used
     monkeypatch.setattr(functions, "step_products", lambda *_: None)
-    monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", [])
+    forget_engines(monkeypatch)
     hht, full = bar_moved(2e-3, **accuracy)
     assert "dense matrix" in hht.engine_used
     np.testing.assert_allclose(sparse.steps_data.t, full.steps_data.t, rtol=1e-9, atol=0.0)
     for name in ("q", "v", "lam"):
         expected = getattr(full, name)[-1]
         np.testing.assert_allclose(getattr(sparse, name)[-1], expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
-
-
-def test_halving_the_step_of_a_bar_leaves_a_quarter_of_its_error():
-    """Against the sum of its modes; Hughes, The Finite Element Method, 1987."""
-    exact = load_problem(BAR).exact(0.02)
-    errors = [np.abs(bar_moved(0.02, step=step)[1].q[-1] - exact.q).max() for step in (2e-4, 1e-4)]
-    assert 3.6 < errors[0] / errors[1] < 4.4
 
 
 class Eccentric(PlanarChain):
@@ -126,8 +114,7 @@ def test_a_large_system_moves_the_same_by_entries_of_a_variable_mass_and_by_full
     assert "machine code, band matrix" in hht.engine_used
     monkeypatch.setattr(jax_dynamics, "entries_at", lambda *_: None)
     monkeypatch.setattr(jax_dynamics, "_entries", Cache(16))
-    monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", [])
+    forget_engines(monkeypatch)
     hht, full = variable_moved(make(), tend, **accuracy)
     assert "dense matrix" in hht.engine_used
     assert sparse.success and full.success
@@ -140,8 +127,9 @@ def test_a_large_system_moves_the_same_by_entries_of_a_variable_mass_and_by_full
 
 def test_projections_of_a_large_system_make_nothing_anew(monkeypatch):
     """Those of every solve had grown the process by 100 MB in a thousand (row R7 of the acceptance matrix)."""
-    monkeypatch.setattr(products, "LARGE", 100)
-    dynamics, kept = dynamics_of(load_problem(CHAIN)), []
+    monkeypatch.setattr(jax_dynamics, "LARGE", 100)
+    chain, kept = load_problem(CHAIN), []
+    dynamics = derive(chain.system, chain.t_span[0], chain.q0, chain.v0)
     for _ in range(3):
         Projection(dynamics)
         kept.append([len(cache.values()) for cache in (compiling._callables, flattening._flattened, flattening._jitted)])

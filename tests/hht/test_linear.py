@@ -194,6 +194,3 @@ def test_a_singular_matrix_has_no_factor(kind):
     factored = Factored(matrix, np.eye(5)[:2], kind)
     assert factored.ended == SINGULAR
     assert (factored.recorded(LEAST_PIVOT), factored.recorded(RANK)) == (0.0, 4)
-
-
-# --- which kind

@@ -12,6 +12,7 @@ from hhtbench.protocol.system import NumpySystem, System
 from problems.planar_chain import PlanarChain, problem, rod_ends
 from solvers.hht import HHT
 from solvers.hht.run import functions
+from tests.hht.scenes import pendulum
 
 pytestmark = pytest.mark.usefixtures("quick_xla")
 
@@ -153,12 +154,6 @@ def test_a_pattern_of_the_wrong_name_or_shape_is_refused(kind, text):
         HHT(kind()).solve((0.0, 1.0), jnp.ones(2), jnp.zeros(2), steps=1)
 
 
-def point_on_a_circle(**declared):
-    return hb.NumpySystem(
-        force=lambda t, q, v: np.array([0.0, -9.81]), constraint=lambda t, q: np.array([(q @ q - 1) / 2]), **declared
-    )
-
-
 def patterned(patterns):
     """A point on a circle as a JAX system that declares ``patterns``."""
 
@@ -177,7 +172,7 @@ def patterned(patterns):
 @pytest.mark.parametrize("kind", [sp.csr_matrix, sp.coo_array])
 def test_a_pattern_may_be_one_of_scipys_matrices_for_jax_systems_too(kind):
     full, empty = kind(np.ones((1, 2), bool)), kind(np.zeros((2, 2), bool))
-    plain = HHT(point_on_a_circle()).solve((0, 1), [0.6, -0.8], [0, 0], steps=20)
+    plain = HHT(pendulum()).solve((0, 1), [0.6, -0.8], [0, 0], steps=20)
     system = patterned({"constraint_jacobian": full, "force_q": empty})
     np.testing.assert_allclose(HHT(system).solve((0, 1), [0.6, -0.8], [0, 0], steps=20).q, plain.q, atol=1e-9)
     with pytest.raises(hb.ProblemError, match=r"constraint_jacobian.*rows \[0\]"):

@@ -11,7 +11,7 @@ from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 from hhtbench.protocol.system import NumpySystem, System, parameter
 from hhtbench.solution.result import Status
 from solvers.hht import HHT
-from tests.hht.scenes import GRAVITY, PENDULUM, Q0, V0, Calls, circle
+from tests.hht.scenes import GRAVITY, Q0, V0, circle
 
 
 def test_a_mass_that_becomes_singular_without_constraints_is_named():
@@ -47,13 +47,8 @@ class Free(System):
         return jnp.stack([0.0 * self.gravity, -self.gravity])
 
 
-class Circle(System):
+class Circle(Free):
     """A pendulum: ``force`` and ``constraint``."""
-
-    gravity: object = parameter(GRAVITY)
-
-    def force(self, t, q, v):
-        return jnp.stack([0.0 * self.gravity, -self.gravity])
 
     def constraint(self, t, q):
         return jnp.stack([(q @ q - 1.0) / 2.0])
@@ -83,15 +78,3 @@ def test_a_pendulum_calls_no_code_of_velocity_constraints(system, monkeypatch):
     for dynamics in (JaxDynamics, NumpyDynamics):
         forbid(monkeypatch, dynamics, [*VELOCITY_CODE, "mass_product_jacobian"])
     assert HHT(system, alpha=-0.3).solve((0.0, 0.1), Q0, V0, step=0.05).success
-
-
-def test_what_is_only_measured_is_never_called_and_what_is_called_is_counted():
-    calls = Calls()
-    declared = {**PENDULUM, "energy": lambda t, q, v: 0.0, "invariants": lambda t, q, v: {}}
-    solution = HHT(NumpySystem(**calls.wrap(declared))).solve((0.0, 0.5), Q0, V0, step=0.01)
-    assert solution.success
-    assert calls.count["energy"] == calls.count["invariants"] == 0
-    assert calls.count["force"] <= solution.counters.residual_evaluations + solution.counters.output_evaluations
-    assert calls.count["force_jacobians"] == solution.counters.jacobian_evaluations
-    assert solution.counters.newton_iterations >= solution.counters.steps_accepted == 50
-    assert solution.counters.factorisations <= solution.counters.jacobian_evaluations

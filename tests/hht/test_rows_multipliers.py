@@ -19,18 +19,17 @@ WAY, FREQUENCY = 0.005, 10 * np.pi  # of the driven end: WAY (1 - cos(FREQUENCY 
 
 
 class Driven(hb.System):
-    """M q'' = -K q - C q' + what moves q[0] as prescribed and holds the next ``clamped`` coordinates."""
+    """M q'' = -K q - C q' + what moves q[0] as prescribed."""
 
     mass_matrix: object = hb.parameter(...)
     K: object = hb.parameter(...)
     C: object = hb.parameter(...)
-    clamped: int = 0
 
     def force(self, t, q, v):
         return -self.K @ q - self.C @ v
 
     def constraint(self, t, q):
-        return jnp.concatenate([q[:1] - WAY * (1 - jnp.cos(FREQUENCY * t)), q[1 : 1 + self.clamped]])
+        return q[:1] - WAY * (1 - jnp.cos(FREQUENCY * t))
 
 
 def rod(masses=20):
@@ -40,25 +39,10 @@ def rod(masses=20):
     return Driven(mass_matrix=3.14 / masses * np.eye(masses), K=8.4e7 * masses * springs, C=8.4e3 * springs)
 
 
-def cantilever(elements=30):
-    """A steel beam, 1 m long and 20 by 20 mm thick, by Euler and Bernoulli's elements, moved at its clamped end."""
-    size, length = 2 * (elements + 1), 1.0 / elements
-    scales = np.array([1.0, length, 1.0, length])
-    mass = np.array([[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22], [-13, -3, -22, 4]]) * np.outer(scales, scales)
-    stiffness = np.array([[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]) * np.outer(scales, scales)
-    M, K = np.zeros((size, size)), np.zeros((size, size))
-    for first in range(0, size - 2, 2):
-        part = slice(first, first + 4)
-        M[part, part] += 7850 * 0.02**2 * length / 420 * mass
-        K[part, part] += 2.1e11 * 0.02**4 / 12 / length**3 * stiffness
-    return Driven(mass_matrix=M, K=K, C=2e-5 * K, clamped=1)
-
-
 def reaction_of(system, times):
     """lam[0] of ``system`` from rest at the even ``times``, by the matrix exponential of [free q, free v, 1, cos, sin]."""
     M, K, C = (np.asarray(getattr(system, name)) for name in ("mass_matrix", "K", "C"))
-    held = 1 + system.clamped
-    free, n = slice(held, None), len(M) - held
+    free, n = slice(1, None), len(M) - 1
     turn = np.array([[0, 0, 0], [0, 0, -FREQUENCY], [0, FREQUENCY, 0]])
     way = np.array([WAY, -WAY, 0.0])
     speed = way @ turn
@@ -76,18 +60,16 @@ def reaction_of(system, times):
 
 
 @pytest.mark.parametrize(
-    ("make", "solver", "how", "within"),
+    ("solver", "how", "within"),
     [
-        (rod, "hht", {"rtol": 1e-3}, 5.0),
-        (rod, "hht", {"rtol": 1e-4}, 3.5),
-        (rod, "hht(alpha=-0.3)", {"step": 4e-3}, 5.5),
-        (cantilever, "hht(alpha=-0.3)", {"rtol": 1e-3}, 3.5),
-        (cantilever, "hht", {"step": 1.6e-3}, 6.0),
+        ("hht", {"rtol": 1e-3}, 5.0),
+        ("hht", {"rtol": 1e-4}, 3.5),
+        ("hht(alpha=-0.3)", {"step": 4e-3}, 5.5),
     ],
 )
-def test_the_reaction_of_a_stiff_body_between_steps_is_as_good_as_at_them(make, solver, how, within):
+def test_the_reaction_of_a_stiff_body_between_steps_is_as_good_as_at_them(solver, how, within):
     """It is some 20 N; that of the interpolated state is off by 50 to 4,000 N."""
-    system, rows, early = make(), np.linspace(0.0, 0.4, 401), 20
+    system, rows, early = rod(), np.linspace(0.0, 0.4, 401), 20
     still = np.zeros(len(system.K))
     problem = hb.Problem(name="driven", system=system, t_span=(0.0, 0.4), q0=still, v0=still)
     between, steps = hb.solve(problem, solver, t_eval=rows, **how), hb.solve(problem, solver, **how)
@@ -128,23 +110,6 @@ def test_so_is_that_of_a_stiff_spring_that_turns(how):
     off = np.abs(multipliers(between) - tight(problem, rows)).max()
     off_steps = np.abs(multipliers(steps)[1:] - tight(problem, steps.t[1:])).max()
     assert off < 1.5 * off_steps < 3.0
-
-
-class Loaded(hb.System):
-    """A body that is held at q = 1 under a load of 50 sin(40 t)."""
-
-    def force(self, t, q, v):
-        return 50.0 * jnp.sin(40.0 * t) * jnp.ones(1)
-
-    def constraint(self, t, q):
-        return q - 1.0
-
-
-def test_a_load_on_what_stands_still_is_the_reaction_at_any_time():
-    """Interpolated multipliers of the steps, four a period, would be off by tens of N."""
-    rows = np.linspace(0.0, 1.0, 301)
-    found = HHT(Loaded()).solve((0.0, 1.0), [1.0], [0.0], steps=25, t_eval=rows)
-    np.testing.assert_allclose(found.lam[:, 0], 50.0 * np.sin(40.0 * rows), atol=1e-12)
 
 
 FLEXIBLE = "slider_crank_flexible"  # a tenth of its interval: a tight reference of the whole takes a minute

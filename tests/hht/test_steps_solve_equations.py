@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.catalogue.registry import list_problems, load_problem
+from hhtbench.catalogue.registry import load_problem
 from solvers.hht import HHT
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
 from tests.hht.oracle import (
@@ -21,6 +21,8 @@ from tests.hht.oracle import (
     physics_of,
     steps_of,
 )
+from tests.hht.scenes import LIBRARY
+from tests.hht.test_crane import Crane
 from tests.problems.mechanics import Mechanics
 
 RTOL = 1e-3
@@ -45,7 +47,7 @@ def assert_solved(left, s, rtol=None, atol=0.0, roundoff=ROUNDOFF):
 # --- the library
 
 
-@pytest.mark.parametrize("name", list_problems())
+@pytest.mark.parametrize("name", LIBRARY)
 @pytest.mark.filterwarnings("ignore:redundant constraints")
 def test_every_step_of_the_library_solves_its_equations(name):
     """Under error control to an end that cuts the last step, then in prescribed steps 1 : 2 of about half that length."""
@@ -71,19 +73,6 @@ def test_every_step_of_the_library_solves_its_equations(name):
 
 
 # --- from rest in equilibrium
-
-
-class Crane(hb.System):
-    """README's: a trolley on a rail, pushed to and fro, with a load on a rope."""
-
-    def mass_matrix(self, t, q):
-        return jnp.diag(jnp.array([20.0, 5.0, 5.0]))
-
-    def force(self, t, q, v):
-        return jnp.stack([50.0 * jnp.sin(t) - 10.0 * v[0], 0.0, -9.81 * 5.0])
-
-    def constraint(self, t, q):
-        return jnp.stack([((q[1] - q[0]) ** 2 + q[2] ** 2 - 16.0) / 2.0])
 
 
 class Driven(hb.System):
@@ -156,7 +145,7 @@ SCENES = {  # a start in equilibrium, and the velocities that may be added to it
     "turned": (Turned(), [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]),
 }
 LENGTHS = {  # of constant steps [s]
-    "crane": (0.5, 0.02),
+    "crane": (10.0, 0.5, 0.1, 0.02),
     "driven": (10.0, 1 / 30, 1e-4),
     "belt": (0.5, 0.02),
     "skate": (0.5, 1 / 30),
@@ -178,7 +167,8 @@ SPEEDS = (0.0, 1e-20, 1e-14, 1e-8)
 @pytest.mark.parametrize(("scene", "h"), [(scene, h) for scene in SCENES for h in LENGTHS[scene]])
 def test_constant_steps_from_rest_solve_their_equations(scene, h, speed):
     system, q0, v0 = SCENES[scene]
-    solution = HHT(system).solve((0.0, 20 * h), q0, speed * np.array(v0), step=h)
+    count = 1 if (scene, h) == ("crane", 10.0) else 20  # steps that swing the load round and round do not converge
+    solution = HHT(system).solve((0.0, count * h), q0, speed * np.array(v0), step=h)
     assert solution.success, solution.message
     s = steps_of(solution, physics(scene))
     assert_solved(Extended().left(physics(scene), s), s)
@@ -194,9 +184,11 @@ def test_controlled_steps_from_rest_solve_their_equations(scene, speed):
     assert_solved(Extended().left(physics(scene), s, start="trapezoidal"), s, RTOL, 1e-5)
 
 
+@pytest.mark.parametrize("rows", [None, np.linspace(0.0, 1.0, 301)], ids=["at steps", "between steps"])
 @pytest.mark.parametrize("steps", [25, 1000])
-def test_a_point_held_in_the_origin_shows_its_load(steps):
-    solution = HHT(Held()).solve((0.0, 1.0), [0.0], [0.0], steps=steps)
+def test_a_point_held_in_the_origin_shows_its_load(steps, rows):
+    """Interpolated multipliers of the steps, four a period, would be off by tens of N."""
+    solution = HHT(Held()).solve((0.0, 1.0), [0.0], [0.0], steps=steps, t_eval=rows)
     assert solution.success, solution.message
     assert np.abs(solution.lam[:, 0] - 50.0 * np.sin(40.0 * solution.t)).max() < 1e-12
 
@@ -278,16 +270,15 @@ def assert_solved_by(method, name, system, solution):
     assert_solved(oracle.left(terms, s, **given), s)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_other_methods_solve_their_own_equations(method):
-    """A top, whose mass varies, in steps of 1 : 2."""
-    top = load_problem("heavy_top")
-    solution = METHODS[method][0](top.system).solve((0.0, 0.06), top.q0, top.v0, steps=np.tile([1e-3, 2e-3], 20))
-    assert_solved_by(method, "heavy_top", top.system, solution)
+TOP = load_problem("heavy_top")
+MOVES = {  # a top, whose mass varies, in steps of 1 : 2, and a crane from rest
+    "heavy_top": (TOP.system, (0.0, 0.06), TOP.q0, TOP.v0, {"steps": np.tile([1e-3, 2e-3], 20)}),
+    "crane": (Crane(), (0.0, 2.0), SCENES["crane"][1], np.zeros(3), {"step": 0.1}),
+}
 
 
+@pytest.mark.parametrize("name", MOVES)
 @pytest.mark.parametrize("method", METHODS)
-def test_the_other_methods_solve_their_own_equations_from_rest(method):
-    system, q0, v0 = SCENES["crane"]
-    solution = METHODS[method][0](system).solve((0.0, 2.0), q0, 0.0 * np.array(v0), step=0.1)
-    assert_solved_by(method, "crane", system, solution)
+def test_the_other_methods_solve_their_own_equations(method, name):
+    system, *start, how = MOVES[name]
+    assert_solved_by(method, name, system, METHODS[method][0](system).solve(*start, **how))

@@ -9,18 +9,6 @@ from solvers.hht import HHT
 from tests.hht.scenes import JAX_PENDULUM, Q0, SYSTEMS, V0, pendulum_at, tension_at
 
 
-@pytest.mark.parametrize("route", SYSTEMS)
-@pytest.mark.parametrize("budget", [1, 2, 5, 40])
-def test_a_spent_budget_of_evaluations_is_named_even_at_the_start(route, budget):
-    solution = HHT(SYSTEMS[route]).solve((0.0, 1.0), Q0, V0, step=0.01, max_evaluations=budget)
-    assert solution.status is Status.evaluation_budget
-    assert f"{budget} evaluations" in solution.message
-    assert solution.counters.residual_evaluations <= budget
-    each = 20 if route == "numpy" else 2  # with differences of the constraints
-    assert solution.counters.output_evaluations <= each * len(solution.t), "what is handed over is completed"
-    assert solution.counters.nonfinite_evaluations == 0
-
-
 def test_stepping_by_hand_stops_at_the_spacing_of_time():
     hht = HHT(JAX_PENDULUM)
     assert hht.init_step(1e15, Q0, V0, step=0.01) is Status.success
