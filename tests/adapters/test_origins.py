@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hhtbench.checks.trust import unresolved
 
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
+from hhtbench.solution.times import unresolved
 from tests.adapters.scenes import EVERY, TSIT5, errors, problem
 from tests.performance.time_origins import SOLVERS, rows
 

@@ -11,9 +11,9 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from hhtbench.conformance.extremes.linkages import DoublePendulum
 
 import hhtbench as hb
+from hhtbench.conformance.scenes.linkages import DoublePendulum
 from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
 from hhtbench.protocol.system import NumpySystem, System, parameter
 from hhtbench.solution.result import Status
