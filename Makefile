@@ -6,6 +6,7 @@
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make test-faults  the store and the runner of campaigns under faults: 50 kills, signals, disks that fail, power that is
 #               lost at any write, flipped bits, clocks that jump, workers that hang, abort, flood, leak (needs a C compiler)
+# make test-slow  the slow lane: rows of acceptance that take minutes, every problem where `make test` takes a sample
 # make fuzz     10,000 random mechanisms, solved in every way: none hangs, crashes or is silently wrong (SEED=N draws those of N
 #               again; twenty minutes on two cores)
 # make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (a quarter of an hour on two cores)
@@ -31,7 +32,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain bench-engine test test-faults fuzz validate faults docs picture loops clean
+.PHONY: bench bench-chain bench-engine test test-faults test-slow fuzz validate faults docs picture loops clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -51,6 +52,9 @@ test: $(STAMP)
 
 test-faults: $(STAMP)
 	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m "" $(FAULTS)
+
+test-slow: $(STAMP)
+	$(BIN)/python -m pytest -n $(JOBS) --dist loadfile -m long tests/adapters tests/conformance tests/hht
 
 fuzz: $(STAMP)
 	$(BIN)/python -m tests.fuzz --jobs $(JOBS) $(if $(SEED),--seed $(SEED))
