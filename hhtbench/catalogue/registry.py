@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -29,6 +30,7 @@ Verification = Callable[[Counted | None, int], "Evidence"]  # (progress, jobs); 
 
 _HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # by name, in this process
 
+_lock = threading.Lock()
 _systems: dict[str, System] = {}  # by spec: the last one that was made
 MAX_SYSTEMS = 16  # that are kept: each holds its arrays and what was derived from it
 
@@ -88,10 +90,11 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
 
 def _known(spec: str, made: System) -> System:
     """The System that ``spec`` made before where ``made`` is equal to it, else ``made``."""
-    before = _systems.pop(spec, made)
-    _systems[spec] = system = before if _equal(before, made) else made
-    if len(_systems) > MAX_SYSTEMS:
-        _systems.pop(next(iter(_systems)), None)
+    with _lock:
+        before = _systems.pop(spec, made)
+        _systems[spec] = system = before if _equal(before, made) else made
+        if len(_systems) > MAX_SYSTEMS:
+            _systems.pop(next(iter(_systems)))
     return system
 
 
@@ -99,8 +102,10 @@ def _equal(one: System, other: System) -> bool:
     """Whether two systems are of one class with the same values, to the last bit."""
     try:
         forms: list[Any] = [jax.tree.structure(x) for x in (one, other)]
-        return forms[0] == forms[1] and all(
-            x is y or _same_array(x, y) for x, y in zip(*map(jax.tree.leaves, (one, other)), strict=True)
+        return (
+            repr(forms[0]) == repr(forms[1])
+            and forms[0] == forms[1]
+            and all(x is y or _same_array(x, y) for x, y in zip(*map(jax.tree.leaves, (one, other)), strict=True))
         )
     except (TypeError, ValueError):  # fields that do not compare
         return False

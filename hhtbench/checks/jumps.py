@@ -1,8 +1,9 @@
 """Where the velocity of a prescribed motion jumps, and the impulse of the constraints there.
 
 A table of positions in ``g`` has kinks: ``g_t`` jumps, and with it the velocities, by ``-M^-1 G^T p``.  The jumps are found
-without a solution: ``g_t`` depends on time and coordinates, and is looked up over time at fixed coordinates.  Bisection goes
-on where it is not linear, until two neighbouring floating-point times are left; there it either jumps or it does not.
+without a solution: ``g_t`` depends on time and coordinates, and is evaluated over time at fixed coordinates.  Intervals in
+which seven of its values do not lie on a polynomial of degree five are split, until two neighbouring times are left: a jump
+changes the sixth difference by its size at least, wherever in the interval it lies.
 """
 
 from __future__ import annotations
@@ -20,18 +21,25 @@ from hhtbench.lowering import (
     derive,
     reduce_redundant,
 )
+from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import NonFiniteValue
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.system import Problem, System
 
-SAMPLES = 400  # equal parts of the interval that are searched
-SMALLEST_JUMP = 1e-6  # of the largest value of the same row: smaller jumps are not searched for
-SPLIT = 0.381966  # of an interval: at its middle a kink may have the mean of both sides
-MAX_INTERVALS = 100_000  # that one search may split: a function that needs more is no table
+SAMPLES = 400  # equal parts of the interval that are searched; a motion that jumps and returns within a sixth is not seen
+SMALLEST_JUMP, BY_DIFFERENCES = 1e-9, 1e-6  # of the largest value of the same row: smaller jumps are not searched for
+#: where functions are evaluated in an interval; of even or symmetric places a jump with the mean of both sides may be missed
+PLACES = np.array([0.0, 0.18, 0.3, 0.45, 0.66, 0.85, 1.0])
+_WEIGHTS = 1.0 / np.prod(PLACES[:, None] - PLACES + np.eye(7), axis=1)
+SIXTH_DIFFERENCE = _WEIGHTS / np.abs(np.cumsum(_WEIGHTS)[:-1]).min()  # a jump changes it by its size or more
+MAX_EVALUATIONS = 4_000_000, 40_000  # of one search, by machine code and in Python: a function that needs more is no table
+MAX_NUMBERS = 2_000_000  # that are held at once
 DIFFERENCES = 1e-7  # s: half the length over which g_t of plain callables is the mean slope of g
 NEIGHBOURS = 8  # spacings of floating-point times within which two jumps are one
 BESIDE = 0.1  # of the scales: how far beside the start functions are compared too, since terms may vanish there
 ROUNDOFF = 1e-12  # of the largest value of the same kind
+
+_known = Cache(16)
 
 
 @dataclass(frozen=True)
@@ -60,6 +68,24 @@ class Jumps:
         """Whether each of the times ``t`` (k,) is within ``distance`` [s] of a jump."""
         return np.any(np.abs(np.asarray(t)[:, None] - self.times) <= distance, axis=1)
 
+    def beside(self, t: Vector, q: Matrix, v: Matrix, distance: float) -> Vector:
+        """The times ``t`` (k,); within ``distance`` [s] of a jump the one beside it that suits ``v`` (k, n)."""
+        t = np.array(t)
+        for k in np.flatnonzero(self.near(t, distance)):
+            i = int(np.argmin(np.abs(self.times - t[k])))
+            sides = [float(x[i]) for x in (self.before, self.after)]
+            t[k] = min(sides, key=lambda side: float(np.abs(self._levels.at(side, q[k], v[k]).velocity_drift).max()))
+        return t
+
+    @property
+    def _driven(self) -> Dynamics:
+        assert self._dynamics is not None  # noqa: S101 - there are jumps, so constraints depend on time
+        return self._dynamics
+
+    @property
+    def _levels(self) -> ConstraintLevels:
+        return ConstraintLevels(self._driven, full=True)
+
     def velocities(self, i: int, q: Vector, v: Vector) -> tuple[Vector, Vector]:
         """The velocities (n,) behind jump ``i`` of a motion with ``q, v`` (n,) before it, and the impulse p (m + p,).
 
@@ -71,11 +97,9 @@ class Jumps:
         ValueError
             The mass and the constraints determine no impulse at q.
         """
-        dynamics = self._dynamics
-        assert dynamics is not None  # noqa: S101 - there are jumps, so constraints depend on time
+        levels, dynamics = self._levels, self._driven
         s = dynamics.structure
         before, after = (float(x[i]) for x in (self.before, self.after))
-        levels = ConstraintLevels(dynamics, full=True)
         g_t = [levels.at(t, q, v).time_derivative for t in (before, after)]
         redundant = levels.at(after, q, v).rank.redundant
         reduced = reduce_redundant(dynamics, redundant) if redundant else dynamics
@@ -96,25 +120,24 @@ class Jumps:
 NONE = Jumps(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
-def find_jumps(problem: Problem, times: Any = None) -> Jumps:
-    """The times within the interval of ``problem`` at which its prescribed velocities jump.
+def find_jumps(problem: Problem) -> Jumps:
+    """The times within the interval of ``problem`` at which its prescribed velocities jump."""
+    if not isinstance(problem.system, System):  # what plain callables refer to may have changed
+        return _search(problem)
+    arrays = problem.q0, problem.v0, *(np.asarray(x, dtype=np.float64) for x in (problem.scales.q, problem.scales.v))
+    key = by_id(problem.system), problem.t_span, *(x.tobytes() for x in arrays)
+    found: Jumps = _known.find(key, lambda: _search(problem))
+    return found
 
-    Parameters
-    ----------
-    times
-        (k,) between which is searched too [s], as well as in equal parts of the interval.  A velocity that jumps and
-        returns between two times is not seen.
-    """
+
+def _search(problem: Problem) -> Jumps:
     dynamics = derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
     s = dynamics.structure
     if not ((s.m and s.rheonomic) or s.p):
         return NONE
-    times = np.zeros(0) if times is None else np.asarray(times, dtype=np.float64)
-    times = np.unique(np.concatenate([times[np.isfinite(times)], np.linspace(*problem.t_span, SAMPLES + 1)]))
-    times = times[(times >= min(problem.t_span)) & (times <= max(problem.t_span))]
     search = _Search(dynamics, problem)
     try:
-        before, after = search.jumps(times)
+        before, after = search.jumps(np.linspace(min(problem.t_span), max(problem.t_span), SAMPLES + 1))
     except _TooMany as error:
         return Jumps(np.zeros(0), np.zeros(0), np.zeros(0), str(error), dynamics)
     if problem.t_span[1] < problem.t_span[0]:
@@ -140,6 +163,8 @@ class _Search:
         beside = [
             np.cos(np.arange(s.n) + phase) * size for phase, size in ((1.0, problem.scales.q), (2.0, problem.scales.v))
         ]
+        self._found: list[tuple[float, float]] = []
+        self._left = MAX_EVALUATIONS[self._rows is None]
         start = problem.q0, problem.v0
         self._states = [start, tuple(x + BESIDE * other for x, other in zip(start, beside, strict=True))]
         kinds = {"g": s.m, "g_t": s.m, "g_q": s.m * s.n, "k": s.p, "k_v": s.p * s.n}
@@ -149,24 +174,67 @@ class _Search:
     def jumps(self, times: Vector) -> tuple[Vector, Vector]:
         """Neighbouring times (k,) before and behind every jump between the rising ``times``."""
         f = self._at(times)
-        self._allowed = self._roundoff(f) + SMALLEST_JUMP * np.nanmax(np.abs(f), axis=0)
-        low, high, of_low, of_high = times[:-1], times[1:], f[:-1], f[1:]
-        found: list[tuple[float, float]] = []
-        while low.size:
-            if low.size > MAX_INTERVALS:
-                raise _TooMany(
-                    f"the constraints' dependence on time near t = {low[0]:.9g} is too irregular to find its jumps"
-                )
-            middle = low + SPLIT * (high - low)
-            splits = (middle > low) & (middle < high) & (high - low > self._shortest)
-            jump = ~splits & self._beyond(of_high - of_low)
-            found += zip(low[jump].tolist(), high[jump].tolist(), strict=True)
-            low, middle, high, of_low, of_high = (x[splits] for x in (low, middle, high, of_low, of_high))
-            of_middle = self._at(middle)
-            bent = self._beyond(of_middle - of_low - SPLIT * (of_high - of_low))
-            low, of_low = (np.concatenate([x[bent], y[bent]]) for x, y in ((low, middle), (of_low, of_middle)))
-            high, of_high = (np.concatenate([x[bent], y[bent]]) for x, y in ((middle, high), (of_middle, of_high)))
-        return self._merged(sorted(found))
+        smallest = BY_DIFFERENCES if self._by_slope else SMALLEST_JUMP
+        self._allowed = self._roundoff(f) + smallest * np.max(np.abs(f), axis=0, initial=0.0, where=np.isfinite(f))
+        at_once = max(MAX_NUMBERS // (7 * f.shape[1]), 1)
+        waiting: list[tuple[Any, ...]] = [(times[:-1], times[1:], f[:-1], f[1:])]
+        while waiting:  # depth first
+            part = tuple(x[:at_once] for x in waiting[-1])
+            rest = tuple(x[at_once:] for x in waiting.pop())
+            waiting += [rest] if rest[0].size else []
+            low, high, of_low, of_high = part
+            short = high - low <= np.maximum(self._shortest, NEIGHBOURS * NEIGHBOURS * np.spacing(np.abs(low)))
+            changes = short & self._beyond(of_high - of_low)
+            waiting += self._halved(*(x[changes] for x in part)) if changes.any() else []
+            waiting += self._split(*(x[~short] for x in part)) if not short.all() else []
+        return self._merged(sorted(self._found))
+
+    def _split(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> list[tuple[Any, ...]]:
+        """The parts of those intervals in which a function is no polynomial: three around a kink of g, else two."""
+        inside = low[:, None] + PLACES[1:-1] * (high - low)[:, None]
+        values = self._at(inside.ravel()).reshape(*inside.shape, -1)
+        values = np.concatenate([of_low[:, None], values, of_high[:, None]], axis=1)
+        bent = self._beyond(np.einsum("i,kij->kj", SIXTH_DIFFERENCE, values))
+        if not bent.any():
+            return []
+        low, high, of_low, of_high = (x[bent] for x in (low, high, of_low, of_high))
+        middle, of_middle = inside[bent, 2], values[bent, 3]
+        sides = self._kinks(low, high, of_low, of_high)
+        of_sides = [self._at(side) for side in sides]
+        kink = (low < sides[0]) & (sides[0] < sides[1]) & (sides[1] < high) & self._beyond(of_sides[1] - of_sides[0])
+        first, of_first = np.where(kink, sides[0], middle), np.where(kink[:, None], of_sides[0], of_middle)
+        last, of_last = np.where(kink, sides[1], middle), np.where(kink[:, None], of_sides[1], of_middle)
+        return [
+            (last, high, of_last, of_high),
+            *([(first[kink], last[kink], of_first[kink], of_last[kink])] if kink.any() else []),
+            (low, first, of_low, of_first),
+        ]
+
+    def _kinks(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> tuple[Vector, Vector]:
+        """Times closely before and behind those at which tangents of g meet, for the row whose slope changes most."""
+        slopes, m = np.flatnonzero(self._kinds == "g_t"), self._s.m
+        if not slopes.size:
+            return low, low
+        change = (of_high - of_low)[:, slopes]
+        most = np.argmax(np.abs(change) / self._allowed[slopes], axis=1)
+        row, each = slopes[most], np.arange(low.size)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            g = of_low[each, row - m], of_high[each, row - m]
+            at = low + (of_high[each, row] * (high - low) - (g[1] - g[0])) / change[each, most]
+            blur = 4.0 * np.finfo(float).eps * np.maximum(*np.abs(g)) / np.abs(change[each, most])
+        at = np.where(np.isfinite(at), np.clip(at, low, high), low)
+        beside = np.maximum(NEIGHBOURS * np.spacing(np.abs(at)), np.where(np.isfinite(blur), blur, 0.0))
+        beside = np.maximum(beside, self._shortest)
+        return np.maximum(at - beside, low), np.minimum(at + beside, high)
+
+    def _halved(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> list[tuple[Any, ...]]:
+        """Halves of those intervals, too short for seven values, in which a function changes; the rest are jumps."""
+        middle = low + 0.5 * (high - low)
+        splits = (low < middle) & (middle < high) & (high - low > self._shortest)
+        self._found += zip(low[~splits].tolist(), high[~splits].tolist(), strict=True)
+        low, middle, high, of_low, of_high = (x[splits] for x in (low, middle, high, of_low, of_high))
+        of_middle = self._at(middle)
+        return [(middle, high, of_middle, of_high), (low, middle, of_low, of_middle)] if low.size else []
 
     def declined(self, at: Vector, before: Vector, after: Vector) -> str:
         """Which jump a motion cannot be followed across, and why; "" where there is none."""
@@ -186,6 +254,9 @@ class _Search:
 
     def _at(self, times: Vector) -> Matrix:
         """All functions at ``times`` (k,), (k, columns); NaN where one is not finite."""
+        self._left -= times.size
+        if self._left < 0:
+            raise _TooMany(f"the constraints depend too irregularly on time near t = {times[0]:.9g} to find their jumps")
         return np.concatenate([self._of(times, *state) for state in self._states], axis=1)
 
     def _of(self, times: Vector, q: Vector, v: Vector) -> Matrix:
@@ -213,10 +284,12 @@ class _Search:
         if self._s.m:
             largest["g_t"] += self._v_scale * largest["g_q"]
             if self._by_slope:
-                largest["g_t"] += largest["g"] * np.finfo(float).eps / (DIFFERENCES * ROUNDOFF)
+                blur = np.abs(SIXTH_DIFFERENCE).sum() * np.finfo(float).eps
+                largest["g_t"] += largest["g"] * blur / (DIFFERENCES * ROUNDOFF)
         return np.array([ROUNDOFF * largest[kind] for kind in self._kinds])
 
     def _beyond(self, change: Matrix) -> Any:
+        """Whether a row of ``change`` has an entry that is more than roundoff; one that is not finite is none."""
         return np.any(np.abs(change) > self._allowed, axis=1)
 
     def _merged(self, found: list[tuple[float, float]]) -> tuple[Vector, Vector]:

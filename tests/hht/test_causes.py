@@ -115,6 +115,16 @@ def test_a_vibration_that_alternates_and_grows_is_found(lag: int):
     assert alternating_vibration(np.full(60, 0.01), decaying, decaying) == ("", False)
 
 
+@pytest.mark.parametrize("kink", [1, 2])
+def test_a_kink_behind_roundoff_that_alternates_is_no_vibration_that_has_grown(kink: int):
+    """The acceleration of a step across a kink is followed by its opposite."""
+    k = np.arange(60)
+    v = (1.0 + 1e-13 * (-1.0) ** k)[None]
+    v[0, 30:] += 1e-3
+    v[0, 30 : 30 + kink] += 1e-3
+    assert not alternating_vibration(np.full(60, 0.01), v, v)[1]
+
+
 @pytest.mark.parametrize("damper", [0.0, 1e5])
 def test_a_stiff_spring_that_steps_of_the_trapezoidal_rule_turn_over_is_warned_of(damper: float):
     """At alpha = 0 steps far beyond the period of 6e-4 s keep the amplitude, and turn it over every time."""

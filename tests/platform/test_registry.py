@@ -3,6 +3,7 @@ from __future__ import annotations
 import importlib
 import json
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
 import pytest
@@ -187,6 +188,19 @@ def test_a_system_is_kept_only_while_its_values_are_the_same(tmp_path, monkeypat
         systems.append(load_problem("reads.py:problem").system)
     assert [one is other for one, other in pairwise(systems)] == [True, False, False, False]
     assert float(systems[2].k) == 3.0
+
+
+def test_systems_are_kept_by_threads_too(monkeypatch):
+    monkeypatch.setattr("hhtbench.catalogue.registry.MAX_SYSTEMS", 2)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(6) as pool:
+            lengths = [1.0 + k / 8 for k in range(8)] * 40
+            found = list(pool.map(lambda length: load_problem(f"simple_pendulum(L={length})"), lengths))
+    finally:
+        sys.setswitchinterval(interval)
+    assert [float(problem.system.L) for problem in found] == lengths
 
 
 def test_file_may_import_its_neighbour_but_leaves_the_path_as_it_was(mechanism):

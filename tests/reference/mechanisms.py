@@ -53,6 +53,16 @@ class Crane(hb.System):
 crane = hb.Problem(name="crane", system=Crane(), t_span=(0, 6), q0=[0, 0, -2], v0=[0, 0, 0])
 
 
+A, RATE = np.arctan2(1.63417211, 1.15303145), np.hypot(1.967857, 2.78901068) / 2  # of the rope at the end, to eight digits
+crane_back = hb.Problem(
+    name="crane_back",
+    system=Crane(),
+    t_span=(6, 1.5),
+    q0=[2, 2 + 2 * np.sin(A), -2 * np.cos(A)],
+    v0=[0, 2 * RATE * np.cos(A), 2 * RATE * np.sin(A)],
+)
+
+
 class Guide(hb.System):
     """A particle on a line whose direction jumps after a second: what happens there nobody says."""
 

@@ -44,6 +44,14 @@ def test_a_crane_whose_trolley_follows_a_table_is_certified_from_kink_to_kink(tm
     assert max(found["bars"][name].max() for name in ("q", "v")) < 1e-10
 
 
+def test_the_same_motion_is_certified_backward(tmp_path: Path):
+    assert certify_one(f"{SCENES}:crane_back", tmp_path / "back.json", 20.0) == ""
+    found = read_certificate(tmp_path / "back.json")
+    assert (found["t"][0], found["t"][-1], found["jumps"]) == (6.0, 1.5, [4.0, 2.5])
+    np.testing.assert_allclose(found["values"]["q"][-1], [1.0, 0.21229087, -1.83834554], atol=1e-6)
+    np.testing.assert_allclose(found["values"]["v"][-1], [2.0, 1.16343183, 0.35845948], atol=1e-6)
+
+
 def test_no_row_lies_where_a_velocity_has_two_values():
     found = certify(Entry(name="crane", spec=f"{SCENES}:crane", times=(0.5, 1.0, 2.5, 6.0), grid=0))
     assert found.jumps == (1.0, 2.5, 4.0)

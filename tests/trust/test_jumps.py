@@ -97,6 +97,36 @@ def test_a_fault_between_jumps_is_not_hidden_by_them(place):
     assert judge(scene, hb.Request(rtol=1e-6, t_eval=t[:-2]), wrong).doubt.startswith("equations of motion: ")
 
 
+def test_a_last_row_on_a_jump_is_judged():
+    scene = problem(Crane(), t_span=(0.0, 4.0))
+    found = hb.solve(scene, "hht", rtol=1e-6, t_eval=np.linspace(0.0, 4.0, 41))
+    assert (found.verify().doubt, found.verify().not_judged) == ("", "")
+    q, v = found.q.copy(), found.v.copy()
+    angle, speed = np.arctan2(q[-1, 1] - q[-1, 0], -q[-1, 2]) + 0.2, np.hypot(v[-1, 1] - v[-1, 0], v[-1, 2])
+    q[-1, 1:] = q[-1, 0] + ROPE * np.sin(angle), -ROPE * np.cos(angle)
+    v[-1, 1:] = v[-1, 0] - speed * np.cos(angle), -speed * np.sin(angle)
+    assert "to the row at t = 4" in judge(scene, hb.Request(rtol=1e-6, t_eval=found.t), found.but(q=q, v=v)).doubt
+
+
+def test_a_kink_of_a_millionth_of_the_speed_accuses_nobody():
+    class Bent(Crane):
+        def place(self, t):
+            return t + 1e-6 * jnp.maximum(t - 1.0, 0.0)
+
+    scene = problem(Bent(), t_span=(0.0, 2.0), v0=[1.0, 1.0, 0.0])
+    found = hb.solve(scene, "hht", rtol=1e-9, t_eval=np.linspace(0.0, 2.0, 42))
+    assert (found.verify().doubt, found.verify().jumps) == ("", (1.0,))
+
+
+def test_a_fast_smooth_drive_is_judged():
+    class Shaken(Crane):
+        def place(self, t):
+            return 0.01 * jnp.sin(100.0 * t)
+
+    found = hb.solve(problem(Shaken(), v0=[1.0, 1.0, 0.0]), "hht", rtol=1e-5)
+    assert (found.verify().doubt, found.verify().not_judged, found.verify().jumps) == ("", "", ())
+
+
 @pytest.mark.parametrize(("system", "reason"), [(numpy_crane(), "declare"), (Sticky(), "nonlinear")])
 def test_jumps_without_a_known_impulse_are_not_judged_and_named(system, reason):
     found = hb.solve(problem(Crane()), rtol=1e-4, t_eval=np.linspace(0.0, 6.0, 51))

@@ -19,19 +19,19 @@ SHORTEST_BUDGET = 1e-3  # s: of a piece that begins when the time is up, and end
 def solve_across(
     problem: Problem, solver: str, jumps: Jumps, times: Vector, *, rtol: float, seconds: float | None
 ) -> Solution:
-    """Rows at the rising ``times`` (k,), none of which is that of a jump, within ``seconds`` [s].
+    """Rows at ``times`` (k,), in the direction of the motion, none of which is that of a jump, within ``seconds`` [s].
 
     Where a piece fails its own solution comes back.
     """
     if not jumps.times.size:
         return solve(problem, solver, rtol=rtol, t_eval=times, max_seconds=seconds)
-    began, rows = time.perf_counter(), list[dict[str, Any]]()
+    began, rows, sign = time.perf_counter(), list[dict[str, Any]](), np.sign(problem.t_span[1] - problem.t_span[0])
     t, q, v = problem.t_span[0], problem.q0, problem.v0
-    for i, inside in enumerate(np.split(times, np.searchsorted(times, jumps.times))):
+    for i, inside in enumerate(np.split(times, np.searchsorted(sign * times, sign * jumps.times))):
         crossed = i < jumps.times.size
         end = float(jumps.before[i]) if crossed else problem.t_span[1]
         asked = np.append(inside, end) if crossed else inside
-        if end > t and asked.size:
+        if sign * (end - t) > 0.0 and asked.size:
             left = None if seconds is None else max(seconds - (time.perf_counter() - began), SHORTEST_BUDGET)
             found = solve(problem, solver, t_span=(t, end), q0=q, v0=v, rtol=rtol, t_eval=asked, max_seconds=left)
             if not found.success:

@@ -110,7 +110,7 @@ def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Ce
 
 
 def times_of(entry: Entry, problem: Problem) -> Vector:
-    """Stated times and grid, sorted, each once; a stated time wins over a point of the grid that equals it."""
+    """Stated times and grid in the direction of the motion, each once; it wins over an equal point of the grid."""
     t0, t1 = problem.t_span
     stated = np.array(entry.times, dtype=np.float64)
     outside = stated[(stated < min(t0, t1)) | (stated > max(t0, t1))]
@@ -118,7 +118,8 @@ def times_of(entry: Entry, problem: Problem) -> Vector:
         raise ProblemError(f"{entry.name}: the time {outside[0]:g} s lies outside of {entry.spec}, [{t0:g}, {t1:g}] s.")
     grid = np.linspace(t0, t1, entry.grid + 1) if entry.grid else np.zeros(0)
     near = np.min(np.abs(grid[:, None] - stated), axis=1, initial=np.inf) <= SAME_TIME * abs(t1 - t0)
-    return np.sort(np.concatenate([stated, grid[~near]]))
+    times = np.sort(np.concatenate([stated, grid[~near]]))
+    return times if t1 > t0 else times[::-1]
 
 
 def values_of(problem: Problem, solution: Solution) -> dict[str, Matrix]:

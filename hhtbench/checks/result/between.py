@@ -109,7 +109,7 @@ def stepped_over(problem: Problem, solution: Solution, allowed: float) -> Steppe
     """
     known = not solution.unknown[:1].any()
     try:
-        equations = Equations(problem, solution.t)
+        equations = Equations(problem)
     except NotJudged as reason:
         return SteppedOver(f"{BLIND}: {reason}")
     t, y, without_event = _ways(problem, solution, equations)
@@ -170,11 +170,11 @@ def _ways(problem: Problem, solution: Solution, equations: Equations) -> tuple[V
     elif solution.t[0] != problem.t_span[0]:
         t, q, v = [np.array(problem.t_span[:1]), *t], [problem.q0[None], *q], [problem.v0[None], *v]
     times, y = np.concatenate(t), np.hstack([np.concatenate(q), np.concatenate(v)])
-    sign = np.sign(problem.t_span[1] - problem.t_span[0])
+    sign, span = np.sign(problem.t_span[1] - problem.t_span[0]), abs(problem.t_span[1] - problem.t_span[0])
     _, first = np.unique(sign * times, return_index=True)
     times, y = times[first], y[first]
     kept = sign * times <= sign * solution.t[-1]
-    kept &= ~equations.jumps.near(times, SAME_TIME * abs(problem.t_span[1] - problem.t_span[0]))
+    kept &= ~equations.jumps.near(times, SAME_TIME * span)
     times, y = times[kept], y[kept]
     without = np.ones(max(times.size - 1, 0), dtype=bool)
     events = np.concatenate([np.empty(0), *solution.t_events])

@@ -29,9 +29,8 @@ class NotJudged(Exception):
 class Equations:
     """y' of y = [q, v] (2n,), counted, and the jumps of v that prescribed velocities make."""
 
-    def __init__(self, problem: Problem, times: Vector | None = None) -> None:
-        """``times`` (k,) [s] of the rows, between which jumps are searched."""
-        self.jumps = find_jumps(problem, times)
+    def __init__(self, problem: Problem) -> None:
+        self.jumps = find_jumps(problem)
         if self.jumps.declined:
             raise NotJudged(self.jumps.declined)
         t, q, v = problem.t_span[0], problem.q0, problem.v0
@@ -161,6 +160,8 @@ class Flow:
                 self._cross(self._ahead.pop(0))
             else:
                 break
+        if self._steps.t == t:  # behind a jump there, maybe, of which the last piece knows nothing
+            return np.array(self._steps.y, dtype=np.float64)
         for piece in reversed(self.pieces):
             if (piece.t_old <= t) == self._forward or piece.t_old == t:
                 return np.asarray(piece(t), dtype=np.float64)

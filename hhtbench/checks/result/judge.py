@@ -59,8 +59,8 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
         return Judgement(doubt)
     try:
         doubt = wrong_columns(problem, solution) or unknown_without_reason(problem, solution)
-        equations = Equations(problem, solution.t)
-        solution = _without_jumps(problem, solution, equations.jumps)
+        equations = Equations(problem)
+        solution = _beside_jumps(problem, solution, equations.jumps)
         for rows in filter(None, (solution, solution.ends)):
             doubt = doubt or violated(problem, request, (rows.t, rows.q, rows.v), deep=True)
         return Judgement(doubt) if doubt else _motion(problem, request, solution, equations, draw)
@@ -70,15 +70,17 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
         return Judgement("", not_judged=f"{type(error).__name__}: {error}")
 
 
-def _without_jumps(problem: Problem, solution: Solution, jumps: Jumps) -> Solution:
-    """``solution`` without the rows and steps that lie on a jump: nobody says on which side of it they are."""
+def _beside_jumps(problem: Problem, solution: Solution, jumps: Jumps) -> Solution:
+    """``solution`` without rows and steps on a jump, where interpolants are on neither side; its ends are beside it."""
     if not jumps.times.size:
         return solution
     distance = SAME_TIME * abs(problem.t_span[1] - problem.t_span[0])
 
     def kept(rows: Any, names: tuple[str, ...]) -> dict[str, Any]:
         some = ~jumps.near(rows.t, distance)
-        return {name: getattr(rows, name)[some] for name in names}
+        some[[0, -1]] = True
+        found = {name: getattr(rows, name)[some] for name in names}
+        return found | {"t": jumps.beside(found["t"], found["q"], found["v"], distance)}
 
     ends = solution.ends
     ends = None if ends is None else Ends(**kept(ends, ("t", "q", "v")))
@@ -86,7 +88,7 @@ def _without_jumps(problem: Problem, solution: Solution, jumps: Jumps) -> Soluti
 
 
 def _motion(problem: Problem, request: Request, solution: Solution, equations: Equations, draw: int) -> Judgement:
-    """The windows, and the multipliers of rows; ``solution`` has no rows at jumps of the velocities."""
+    """The windows, and the multipliers of rows; ``solution`` has no rows on jumps."""
     jumps, size = equations.jumps, sizes_of(problem, solution.q, solution.v)
     at = tuple(jumps.times.tolist())
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))

@@ -46,6 +46,7 @@ UNRESOLVED = 0.5  # of the largest speed: a larger change of it by forces in one
 ALTERNATIONS = 5  # changes of sign, one after the other, of a growing vibration
 VISIBLE = 1e-8  # of q: a speed that moves it by less in a step is not reported
 GROWTH = 1e5  # of an alternating vibration in prescribed steps, from where it began
+STEADY = 1e-2  # of the middle size of a vibration that grows by equal factors, squared
 
 
 def explained(engine: Engine, failure: Failure, state: State, h: float, finest: float) -> Failure:
@@ -267,7 +268,8 @@ def alternating_vibration(h: Vector, q: Matrix, v: Matrix) -> tuple[str, bool]:
                 first = max(end - lag, 0) - _alternations(bends[at, :end], lag)
                 if end - lag - first < ALTERNATIONS:
                     continue
-                if sizes[at, end - 1] > GROWTH * max(sizes[at, first], roundoff):
+                grown = sizes[at, first:end]  # at a steady rate, which a kink behind roundoff is not
+                if grown[-1] > GROWTH * max(grown[0], roundoff) and np.median(grown) ** 2 > STEADY * grown[0] * grown[-1]:
                     text = f"v[{at}] alternates with the steps, and this vibration has grown by more than {GROWTH:.0e}"
                     remedy = "take shorter steps of even length"
                     return f"{text}: the steps are unstable for it, (H33) and (H53); {remedy}", True
