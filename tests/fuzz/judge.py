@@ -142,15 +142,6 @@ class Judge:
             found.append(abs(p.turn) * np.abs(v).max() / np.linalg.norm(self.rows(t, q)[-1] / p.blade_scale))
         return float(np.linalg.norm(found))
 
-    def slipping(self, t, q, v) -> float:
-        """[1/s] at which friction lets a slip grow in a motion back in time."""
-        if self.shape.reaction != "friction":
-            return 0.0
-        lam = self.acceleration(t, q, v).lam[: len(self.shape.rods)]
-        root = np.sqrt(formulas.masses(np, self.shape, self.p, q))
-        columns = [formulas.brakes(np, self.shape, self.p, t, q, v + x, lam).imag for x in 1e-30j * np.eye(v.size)]
-        return float(np.linalg.norm(np.array(columns).T / root / root[:, None], 2)) / 1e-30
-
     @cached_property
     def sizes(self) -> tuple[float, float]:
         """Typical ones of q and of v, the second as large as what is applied would make it over the first."""
@@ -197,10 +188,3 @@ class Judge:
                 settled = settled and run.success
                 found.append(run.y[:, -1])
         return np.array(found) if settled and len(found) == len(times) else None
-
-    @property
-    def conserves(self) -> bool:
-        """Whether nothing feeds or takes energy."""
-        shape, p = self.shape, self.p
-        fed = shape.driven or (shape.blade and p.speed) or p.drag or p.damper.any()
-        return not fed and shape.reaction != "friction"

@@ -25,7 +25,6 @@ FASTER = 10.0  # times what is fastest at the start
 LOOKS = 25  # rows of a run that are looked at, at most
 RUN_ENDS = list(Status)[: list(Status).index(Status.deadline) + 1]  # those after it are not of runs
 LOCAL_CONTROLLED = 20.0  # times what is allowed: the error of a step that was accepted
-ENERGY = 6.0  # times (h rate)^2 of the energies in play: with the speeds that forces could make, times those there are
 TOLERANCES = 50.0  # of error control, over a radian: so many tolerances
 LOST = "is off by"  # in messages: of the end
 
@@ -198,12 +197,11 @@ def clear(setting: Setting, s: Solution) -> bool:
 
 
 def own_equations(setting: Setting, s: Solution, count: int) -> bool:
-    """Whether ``count`` steps, or all, could be integrated anew; motion, reactions or energy that are wrong raise."""
+    """Whether ``count`` steps, or all, could be integrated anew; a wrong motion or reaction raises."""
     multipliers(setting, s)
     way = setting.case.way
     if s.steps_data is None or not setting.judge.sound or not way.declares or way.watch:
         return False
-    energies(setting, s)
     return local_errors(setting, s, count)
 
 
@@ -286,25 +284,3 @@ def changes(x: np.ndarray) -> tuple[float, float]:
     """Largest change over a step and second difference of x (5, n), at places half a step apart."""
     second = max(np.abs(x[4] - 2 * x[2] + x[0]).max(), 4 * np.abs(x[2:] - 2 * x[1:-1] + x[:-2]).max())
     return float(np.abs(x[2:] - x[:-2]).max()), float(second)
-
-
-def energies(setting: Setting, s: Solution) -> None:
-    """Of motions that conserve it: kept at alpha = 0, else not grown, up to the square of steps or the tolerance."""
-    judge, way = setting.judge, setting.case.way
-    size = way.turns / way.steps * max(way.ratios, default=1.0) / np.mean(way.ratios or 1.0) if way.steps else 0.0
-    if not judge.conserves or size > RESOLVED:
-        return
-    looked = [0, *some(s.t.size)]
-    change = np.array([formulas.energy(judge.shape, judge.p, float(s.t[i]), s.q[i], s.v[i]) for i in looked])
-    change -= change[0]
-    fastest = float(np.abs(s.v).max())  # what a step misses of it is work, done with this speed
-    momentum = judge.p.mass.sum() * max(judge.sizes[1], fastest)
-    of_steps = ENERGY * size**2 if way.steps else TOLERANCES * way.rtol
-    damped = way.options["alpha"] < 0.0
-    bound = of_steps * momentum * fastest * max(1.0, way.turns) + 1e-11 * momentum * max(judge.sizes[1], fastest)
-    if judge.shape.blade and not way.steps:  # it holds velocities: q slips by what the tolerance allows of each step
-        held = max(float(np.linalg.norm(judge.rows(float(s.t[i]), s.q[i])[-1] * s.mu[i, -1])) for i in looked)
-        bound += held * (s.t.size - 1) * way.rtol**1.5 * max(judge.sizes[0], float(np.abs(s.q).max()))
-    wrong = np.nonzero((change if damped else np.abs(change)) > bound)[0]
-    where = looked[wrong[0]] if wrong.size else ""
-    expect(not wrong.size, f"row {where} of {s.t.size}: energy changes by {change} J, of {bound:.1e} J that may be")

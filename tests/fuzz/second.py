@@ -11,7 +11,6 @@ every number is a little off, as a third one shows.
 
 from __future__ import annotations
 
-from collections import namedtuple
 from contextlib import suppress
 from dataclasses import replace
 
@@ -23,56 +22,41 @@ from tests.fuzz.mechanism import Unit
 from tests.fuzz.oracles import EPS, ROUNDED, TOLERANCES, number, own_equations, rounding, sizes
 from tests.fuzz.runs import HOSTILE, Setting
 from tests.fuzz.systems import Spoil
-from tests.fuzz.twins import CLOSE
+from tests.fuzz.twins import CLOSE, apart, end
 
 EVERY = 10  # steps of a run that are integrated anew
 FINER, FINEST = 0.1, 1e-12  # tolerance of the second run over the first's; no finer than the second
 PATIENT = 10 * HOSTILE  # evaluations of the second run
 SHAKEN = 1e-6, 1e-2  # relative changes of every number: the tolerance, but no less and no more than these
-LITTLE = 0.3  # of the sizes: a larger bound does not say much
 KEPT = ("places", "anchor", "length")  # numbers that have to agree with one another
 UNRESOLVED = r"forces change v\[\d+\] by (\S+),"  # in messages: by how much
 UNTOLD = 1e-5  # a derivative that is wrong by less: differences hardly tell it
 UNMET = ("nan", "raise")  # spoils that a run which says success has not met
 OF_NUMBERS = ("units", "massless")  # spoils that the mechanism has already
 
-EQUATIONS, OWN, RUN = "its steps integrated anew", "its motion integrated anew", "a second run"
-NOTHING, LOOSE = "no motion to judge", f", to more than {LITTLE:g} of the sizes"
-UNJUDGED = "cannot be judged: the second run does not arrive"
-SLIPS = "cannot be judged: prescribed steps pass over slips that friction lets grow back in time"
 
-
-End = namedtuple("End", "q v")  # of a motion, or its rows
-
-
-def second_opinion(setting: Setting, s: Solution) -> str:
-    """By what the motion was judged; what is wrong with it is an AssertionError."""
+def second_opinion(setting: Setting, s: Solution) -> None:
+    """What is wrong with the motion is an AssertionError."""
     if s.t.size < 2 or s.t[-1] == s.t[0]:
-        return NOTHING
+        return
     with np.errstate(all="ignore"):
         if is_untouched(setting.case.spoil) and own_equations(setting, s, EVERY):
-            return EQUATIONS
+            return
         length, _, time = units = plain_units(setting)
         plain, shake = plainly(setting, s, units), float(np.clip(setting.case.way.rtol, *SHAKEN))
-        told_by, end_of = OWN, integrated
-        began = End(s.q[0] * length, s.v[0] * (length / time))  # where calc_initcond may have moved it
-        second = integrated(plain, began) if is_known(setting) else None
+        began = s.q[0] * length, s.v[0] * (length / time)  # where calc_initcond may have moved it
+        second, end_of = (integrated(plain, began) if is_known(setting) else None), integrated
+        if second is None and not slips(setting):
+            second, end_of = arrived(plain), arrived
         if second is None:
-            told_by, end_of = RUN, arrived
-            second = end_of(plain)
-        if second is None:
-            return UNJUDGED
-        if told_by == RUN and setting.case.way.steps and slips(setting, s):
-            return SLIPS
-        found = End(s.q * length, s.v * (length / time))
+            return
+        found = s.q * length, s.v * (length / time)
         sizes = [max(size, float(np.abs(x).max())) for size, x in zip(plain.judge.sizes, found, strict=True)]
         third = end_of(plainly(setting, s, units, shake))
         moved = np.inf if third is None else apart(sizes, second, third) / shake
-        bound = errors(setting, s) * (1.0 + moved)
-        off = apart(sizes, second, End(found.q[-1], found.v[-1]))
+        bound, off = errors(setting, s) * (1.0 + moved), apart(sizes, second, [x[-1] for x in found])
     told = f"the end, row {s.t.size - 1}, is {off:.1e} of the sizes beside that of the same motion in plain units"
-    expect(off <= bound, f"{told} by {told_by}, over {bound:.1e}")
-    return told_by if bound <= LITTLE else f"{told_by}{LOOSE}"
+    expect(off <= bound, f"{told}, {end_of.__name__}, over {bound:.1e}")
 
 
 def is_untouched(spoil: Spoil | None) -> bool:
@@ -80,10 +64,9 @@ def is_untouched(spoil: Spoil | None) -> bool:
     return spoil is None or spoil.kind in (*UNMET, "units") or (spoil.where == "force_jacobians" and spoil.kind != "off")
 
 
-def slips(setting: Setting, s: Solution) -> bool:
-    """Whether steps back in time are longer than a slip takes to grow: implicit ones keep it down, or follow it."""
-    steps = zip(s.t, np.diff(s.t), s.q, s.v, strict=False)
-    return any(h < 0.0 and -h * setting.judge.slipping(t, q, v) > 1.0 for t, h, q, v in steps)
+def slips(setting: Setting) -> bool:
+    """Whether prescribed steps may pass over slips that friction lets grow back in time."""
+    return setting.case.way.backward and setting.case.way.steps > 0 and setting.made.shape.reaction == "friction"
 
 
 def is_known(setting: Setting) -> bool:
@@ -119,33 +102,27 @@ def plainly(setting: Setting, s: Solution, units: tuple[float, float, float], sh
     new = replace(
         case,
         made=setting.made.in_units(*units).but(number),
-        way=replace(way, options=options, watch="" if ended else way.watch, budget={}, declares=way.declares and believed),
+        way=replace(way, options=options, watch="" if ended else way.watch, declares=way.declares and believed),
         spoil=case.spoil if kept else None,
     )
     return Setting(new, setting.solver, interval * time)
 
 
-def apart(sizes: list[float], one: End, other: End) -> float:
-    """Over the sizes of the motion."""
-    return float(max(np.abs(x - y).max() / size for x, y, size in zip(one, other, sizes, strict=True)))
-
-
-def integrated(plain: Setting, began: End | None = None) -> End | None:
-    """Of its motion by the fuzzing's own equations, from its start or where it ``began``."""
+def integrated(plain: Setting, began=None):
+    """End of its motion by the fuzzing's own equations, from its start or where it ``began``."""
     (t0, t1), (q, v) = plain.span, began or plain.judge.start[:2]
     with suppress(np.linalg.LinAlgError):
-        end = plain.judge.carried(t0, q, v, [t1])
-        if end is not None and np.isfinite(end).all():
-            return End(*np.split(end[0], 2))
+        motion = plain.judge.carried(t0, q, v, [t1])
+        if motion is not None and np.isfinite(motion).all():
+            return np.split(motion[0], 2)
     return None
 
 
-def arrived(plain: Setting) -> End | None:
-    """Of its run, under error control a finer one, if it says success."""
+def arrived(plain: Setting):
+    """End of its run, under error control a finer one, if it says success."""
     way = plain.case.way
     found = plain.run(max_evaluations=PATIENT, rtol=None if way.steps else max(FINER * way.rtol, FINEST)).solution
-    good = found is not None and found.success and np.isfinite(found.q[-1]).all()
-    return End(found.q[-1], found.v[-1]) if good else None
+    return end(found) if found is not None and found.success and np.isfinite(found.q[-1]).all() else None
 
 
 def errors(setting: Setting, s: Solution) -> float:
