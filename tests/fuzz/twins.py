@@ -23,19 +23,12 @@ RADIANS = 12.0  # of a run: over more, roundoff may be carried on too far
 
 def compared(setting: Setting) -> None:
     """The case's twin, where it says something about the case; what it shows is an AssertionError."""
-    s, twin = setting.base.solution, setting.case.twin
-    if s is None or not s.t.size:
+    s, twin, way = setting.base.solution, setting.case.twin, setting.case.way
+    if s is None or not s.success or s.t.size < 4 or way.watch or not setting.judge.sound:
         return
-    if twin in ANY_END:
-        ANY_END[twin](setting, s)
-    elif twin in AT_AN_END and smooth(setting, s):
-        AT_AN_END[twin](setting, s)
-
-
-def smooth(setting: Setting, s: Solution) -> bool:
-    """Whether roundoff stays small on the way."""
-    way = setting.case.way
-    return setting.must_succeed and s.success and way.turns <= RADIANS and not way.watch and clear(setting, s)
+    smooth = setting.must_succeed and way.turns <= RADIANS and clear(setting, s)  # roundoff stays small on the way
+    if twin in ALIKE or (twin in CARRIED and smooth):
+        (ALIKE | CARRIED)[twin](setting, s)
 
 
 def end(s: Solution):
@@ -113,46 +106,32 @@ def order(setting: Setting, s: Solution) -> None:
 def rows(setting: Setting, s: Solution) -> None:
     """Output at given times changes no step, has every row, and each is the dense output put onto the constraints."""
     t0, t1 = setting.span
-    if not setting.judge.sound:
-        return
     times = np.unique(np.linspace(t0, t1, 7))[:: 1 if t1 >= t0 else -1]
-    found = setting.run(t_eval=times)
-    other = found.solution
-    expect(other is not None, f"rows at times: raises {found.raised!r}")
-    expect(s.status is other.status, f"rows at times: {other.status.label}, not {s.status.label}: {other.message[:200]}")
-    reached = times[(times - s.t[-1]) * np.sign(t1 - t0) <= 0.0]
-    fault = f"rows at times: {other.t.size} rows to {other.t[-1:]}, of {reached.size} times that were reached"
-    expect(np.array_equal(other.t, reached), fault)
-    if s.success and not setting.events:
-        expect(np.array_equal(other.q[-1], s.q[-1]), "rows at times: the end is another one")
-        if setting.must_succeed and setting.case.way.declares:
-            on_levels(setting, other)
+    other = arrived(setting.run(t_eval=times), "rows at times")
+    expect(np.array_equal(other.t, times), f"rows at times: {other.t.size} rows to {other.t[-1:]}, of {times.size}")
+    expect(np.array_equal(other.q[-1], s.q[-1]), "rows at times: the end is another one")
+    if setting.must_succeed and setting.case.way.declares:
+        on_levels(setting, other)
 
 
 def budget(setting: Setting, s: Solution) -> None:
     """A run that is cut short is the beginning of the whole one, and names its budget."""
-    if not s.success or s.t.size < 4 or setting.events:
-        return
     half = (s.t.size - 1) // 2
     ends = {"max_num_steps": (half, ["max_steps"]), "max_evaluations": (3 * half, ["evaluation_budget", "success"])}
     for name, (most, allowed) in ends.items():
         found = setting.run(**{name: most})
+        expect(found.status in allowed, f"{name}={most}: ends with {found.status}")
         short = found.solution
-        expect(short is not None and found.status in allowed, f"{name}={most}: ends with {found.status}")
         expect(np.array_equal(short.q, s.q[: short.t.size]), f"{name}={most}: its rows are not the first of the whole run")
         expect(name != "max_num_steps" or short.t.size == half + 1, f"{name}={most}: {short.t.size - 1} steps")
 
 
 def watched(setting: Setting, s: Solution) -> None:
     """An event that is only recorded changes no step, and every change of sign at the rows is found."""
-    if not s.success or setting.events or s.t.size < 2 or not setting.judge.sound:
-        return
     level = float(np.median(s.q[:, 0]))
-    found = setting.run(events=[Event(lambda t, q, v: q[0] - level, name="passes")])
-    other = found.solution
-    expect(other is not None, f"an event: raises {found.raised!r}")
-    same = other.status is s.status and np.array_equal(other.q, s.q) and np.array_equal(other.v, s.v)
-    expect(same, f"a recorded event changes the run: {other.status.label}, {other.t.size} rows of {s.t.size}")
+    other = arrived(setting.run(events=[Event(lambda t, q, v: q[0] - level, name="passes")]), "an event")
+    same = np.array_equal(other.q, s.q) and np.array_equal(other.v, s.v)
+    expect(same, f"a recorded event changes the run: {other.t.size} rows of {s.t.size}")
     signs, values = np.sign(s.q[:, 0] - level), np.abs(other.q_events[0][:, 0] - level)
     changes, off = int(np.sum(signs[1:] * signs[:-1] < 0)), values.max(initial=0.0)
     seen = values.size >= changes and off <= 1e-2 * setting.judge.sizes[0]
@@ -162,11 +141,8 @@ def watched(setting: Setting, s: Solution) -> None:
 def python(setting: Setting, s: Solution) -> None:
     """The loop as plain Python: the same bits for a few steps."""
     first, other = (setting.run(options=x, max_num_steps=FEW).solution for x in ({}, {"engine": "python"}))
-    expect(first is not None and other is not None, "engine='python' or the compiled one raises")
-    ends = f"{other.status.label} after {other.t.size} rows, compiled {first.status.label} after {first.t.size}"
-    expect(first.status is other.status and first.t.size == other.t.size, f"engine='python': {ends}")
     same = all(np.array_equal(getattr(first, name), getattr(other, name)) for name in ("t", "q", "v"))
-    expect(same, f"engine='python': other bits, q off by {np.abs(first.q - other.q).max(initial=0.0):.1e}")
+    expect(same and first.status is other.status, f"engine='python': other bits, {other.t.size} rows of {first.t.size}")
 
 
 def callables(setting: Setting, s: Solution) -> None:
@@ -174,5 +150,5 @@ def callables(setting: Setting, s: Solution) -> None:
     agrees(setting, "functions in Python", s, setting.run(system=setting.callables))
 
 
-AT_AN_END = {twin.__name__: twin for twin in (elsewhere, algebra, backward, order, callables)}  # of smooth motions
-ANY_END = {twin.__name__: twin for twin in (rows, budget, watched, python)}
+CARRIED = {twin.__name__: twin for twin in (elsewhere, algebra, backward, order, callables)}  # of smooth motions
+ALIKE = {twin.__name__: twin for twin in (rows, budget, watched, python)}
