@@ -17,9 +17,9 @@ from concurrent.futures import ThreadPoolExecutor
 import click
 
 from hhtbench.processes import one_blas_thread
-from tests.fuzz.cases import SHARE
 from tests.fuzz.explore import Verdict, explore
 
+SHARE = 400  # cases of one process
 STILL = 180.0  # s without a new case: the process hangs
 WEIGHTS = {"steps": 0.3, "control": 0.2, "machine": 0.1, "hostile": 0.4}  # of all cases
 

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from tests.fuzz.mechanism import Mechanism, Shape
 from tests.fuzz.systems import Spoil
 
-SHARE = 400  # cases whose mechanisms and methods are of the same kinds
+COMPILED = 50  # cases of machine code with one shape, which is compiled once
 ANY_TWINS = ("rows", "elsewhere", "budget", "watched", "python")
 TWINS = {  # families of cases, and what their runs are compared with
     "steps": (*ANY_TWINS, "algebra", "backward", "order"),
@@ -65,65 +64,24 @@ class Draw(random.Random):
         return self.randint(low, high) / 10
 
 
-@dataclass(frozen=True)
-class World:
-    """The kinds of mechanisms and the methods that ``SHARE`` cases are drawn from: each is compiled once.
-
-    Mechanisms of one kind have its sizes, and other rods; those of the family "machine" have its rods too.
-    """
-
-    kinds: tuple[Shape, ...]
-    methods: tuple[dict, ...]  #: options of HHT: alpha, b, reaction; the first is symmetric
-
-    @classmethod
-    @lru_cache
-    def drawn(cls, number: int, count: int = 6) -> World:
-        """By seed."""
-        draw = Draw(number)
-        damped = (method(draw) for _ in range(count // 3))
-        return cls(tuple(kind(draw) for _ in range(count)), ({"alpha": 0.0, "b": (0.0, 0.25)[number % 2]}, *damped))
-
-    def shape(self, draw: Draw, family: str) -> Shape:
-        """Of a mechanism in a case."""
-        if family == "machine":
-            return draw.choice(self.kinds[: 1 + len(self.kinds) // 4])
-        return wired(draw, draw.choice(self.kinds))
-
-
-def kind(draw: Draw) -> Shape:
-    """Chains, trees, loops, with redundant rows or without rods."""
-    points = draw.randint(1, 5)
-    rods = max(points + draw.choice((0, 0, 0, 1, -1, -2, 2)), 0)
-    sizes = Shape(
+def shape_of(draw: Draw) -> Shape:
+    """Chains, trees, loops, some rods doubled; without rods there are springs."""
+    points, anchors = draw.randint(1, 5), draw.randint(1, 2)
+    count = max(points + draw.choice((0, 0, 0, 1, -1, -2, 2)), 0)
+    pairs, rods = [(i, j) for i in range(points) for j in range(points + anchors) if i != j], []
+    for i in range(count):  # a tree, closed by the others
+        rods.append(draw.choice([(i, j) for j in [points, *range(i)]] if i < points else pairs + 4 * rods))
+    return Shape(
         dim=draw.choice((2, 2, 3)) if points < 4 else 2,
         points=points,
-        anchors=draw.randint(1, 2),
-        rods=((0, 0),) * rods,
-        blade=(0, 0) if draw.once(5) else None,
-        driven=rods > 0 and draw.once(4),
+        anchors=anchors,
+        rods=tuple(rods),
+        springs=tuple(draw.choices(pairs, k=draw.randint(int(not rods), 3))),
+        blade=(draw.randrange(points), draw.randrange(points)) if draw.once(5) else None,
+        driven=count > 0 and draw.once(4),
         growing=draw.once(6),
         reaction=draw.choice(("", "", "", "linear", "friction")) if rods else "",
     )
-    return wired(draw, sizes)
-
-
-def wired(draw: Draw, kind: Shape) -> Shape:
-    """A tree of as many rods, closed by further ones, some of them doubled; without rods there are springs."""
-    points, rods = kind.points, []
-    pairs = [(i, j) for i in range(points) for j in range(points + kind.anchors) if i != j]
-    for i in range(len(kind.rods)):
-        tree = [(i, j) for j in [points, *range(i)]]
-        rods.append(draw.choice(tree if i < points else pairs + 4 * rods))
-    springs = draw.choices(pairs, k=draw.randint(int(not rods), 3))
-    blade = (draw.randrange(points), draw.randrange(points)) if kind.blade else None
-    return replace(kind, rods=tuple(rods), springs=tuple(springs), blade=blade)
-
-
-def method(draw: Draw) -> dict:
-    """A damped one."""
-    half = draw.choice(("implicit", "implicit", "midpoint", "predictor", "midpoint_predictor"))
-    b = 0.0 if half.startswith("midpoint") else draw.choice((0.0, 0.0, 0.2, 1.0))
-    return {"alpha": draw.choice((-0.05, -0.1, -0.3, -1 / 3)), "b": b, "reaction": half}
 
 
 def spots(draw: Draw, shape: Shape, flat: bool) -> np.ndarray:
@@ -173,22 +131,26 @@ def mechanism(draw: Draw, shape: Shape, wild: bool) -> Mechanism:
     )
 
 
-def options(draw: Draw, world: World, wild: bool) -> dict:
+def options(draw: Draw, wild: bool) -> dict:
     """Of HHT."""
-    found = {**draw.choice(world.methods)}
+    found = {"alpha": 0.0, "b": draw.choice((0.0, 0.25))}
+    if not draw.once(3):
+        half = draw.choice(("implicit", "implicit", "midpoint", "predictor", "midpoint_predictor"))
+        b = 0.0 if half.startswith("midpoint") else draw.choice((0.0, 0.0, 0.2, 1.0))
+        found = {"alpha": draw.choice((-0.05, -0.1, -0.3, -1 / 3)), "b": b, "reaction": half}
     others = {"start": draw.choice(("f0", "shifted", "trapezoidal")), "linsolver": "band"}  # runs are compared with others
     if wild:
         others |= {"min_step": draw.decades(-6, 0), "rescale_a": False}
     return found | {name: value for name, value in others.items() if draw.once(2)}
 
 
-def way(draw: Draw, family: str, world: World) -> Way:
+def way(draw: Draw, family: str) -> Way:
     """A gentle one, but for the hostile family."""
     wild = family == "hostile"
     by_error = draw.once(2) if wild or family == "machine" else family == "control"
     declares = family == "machine" or not draw.once(8)
     given = {
-        "options": options(draw, world, wild),
+        "options": options(draw, wild),
         "backward": draw.once(5),
         "watch": draw.choice(("terminal", "change")) if draw.once(6) else "",
         "declares": declares,
@@ -213,13 +175,14 @@ def spoil(draw: Draw) -> Spoil | None:
     return Spoil(kind, where, draw.decades(*SPOILS[kind]) if kind in SPOILS else draw.tenths(0, 10))
 
 
-def drawn(family: str, number: int, world: World | None = None) -> Case:
+def drawn(family: str, number: int) -> Case:
     """Of one of the families in ``TWINS``, by its seed."""
-    draw, world, wild = Draw(f"{family} {number}"), world or World.drawn(number // SHARE), family == "hostile"
+    draw, wild = Draw(f"{family} {number}"), family == "hostile"
+    shape = shape_of(Draw(number // COMPILED) if family == "machine" else draw)
     return Case(
         family=family,
-        made=mechanism(draw, world.shape(draw, family), wild),
-        way=way(draw, family, world),
+        made=mechanism(draw, shape, wild),
+        way=way(draw, family),
         twin=draw.choice(TWINS[family]),
         spoil=spoil(draw) if wild else None,
     )

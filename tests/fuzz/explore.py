@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from tests.fuzz.cases import Case, World, drawn
+from tests.fuzz.cases import Case, drawn
 from tests.fuzz.oracles import judged
 from tests.fuzz.runs import Setting, hht
 from tests.fuzz.second import second_opinion
@@ -38,9 +38,7 @@ def verdict(seed: int, case: Case, solver=hht) -> Verdict:
         return Verdict(seed, setting.base.status, setting.must_succeed, fault)
 
 
-def explore(
-    family: str, first: int, count: int, solver=hht, world: World | None = None, **changes: str
-) -> Iterator[Verdict]:
+def explore(family: str, first: int, count: int, solver=hht, **changes: str) -> Iterator[Verdict]:
     """``count`` cases from the seed ``first`` on, with other fields by ``changes``."""
     for seed in range(first, first + count):
-        yield verdict(seed, replace(drawn(family, seed, world), **changes), solver)
+        yield verdict(seed, replace(drawn(family, seed), **changes), solver)

@@ -123,21 +123,15 @@ class Judge:
 
     def rate(self, t, q, v) -> float:
         """[1/s] of what is fastest at a state: springs, dampers, turns, falls, tensions, the drive."""
-        shape, p = self.shape, self.p
-        by_q, by_v = formulas.force_jacobians(shape, p, t, q, v)
-        root, size = np.sqrt(formulas.masses(np, shape, p, q)), np.abs(q).max()
+        shape, p, f = self.shape, self.p, formulas
+        by_q, by_v = f.force_jacobians(shape, p, t, q, v)
+        root, shortest = np.sqrt(f.masses(np, shape, p, q)), min(self.shortest(t, q), np.abs(q).max())
         vdot, _, lam, _ = self.acceleration(t, q, v)
-        found = [np.linalg.norm(by_v / root / root[:, None], 2), p.frequency, np.abs(v).max() / size]
-        found += [np.sqrt(np.linalg.norm(by_q / root / root[:, None], 2)), np.sqrt(np.abs(vdot).max() / size)]
-        for kind in (0, 1):
-            d, u = (formulas.separations(np, shape, p, kind, t, x, order) for order, x in enumerate((q, v)))
-            length, points = np.linalg.norm(d, axis=1), shape.maps[kind][0]
-            if length.size:
-                fall = np.linalg.norm((points @ vdot).reshape(d.shape), axis=1)
-                found += [(np.linalg.norm(u, axis=1) / length).max(), np.sqrt((fall / length).max())]
-                if kind == 0:
-                    light = ((points.reshape(*d.shape, -1)[:, 0] / root[:, None].T) ** 2).sum(axis=1)
-                    found.append(np.sqrt(np.abs(p.scale * lam[: length.size] * light).max()))
+        found = [np.linalg.norm(by_v / root / root[:, None], 2), p.frequency, np.abs(v).max() / shortest]
+        found += [np.sqrt(np.linalg.norm(by_q / root / root[:, None], 2)), np.sqrt(np.abs(vdot).max() / shortest)]
+        if shape.rods:
+            light = ((shape.maps[0][0][:: shape.dim] / root) ** 2).sum(axis=1)
+            found.append(np.sqrt(np.abs(p.scale * lam[: light.size] * light).max()))
         if shape.blade:
             found.append(abs(p.turn) * np.abs(v).max() / np.linalg.norm(self.rows(t, q)[-1] / p.blade_scale))
         return float(np.linalg.norm(found))

@@ -16,7 +16,7 @@ from tests.fuzz.cases import Case
 from tests.fuzz.judge import Judge
 from tests.fuzz.systems import Spoil, numpy_system, traced_system
 
-SECONDS, EVALUATIONS = 60.0, 2_000  # of one solve; the second ends it on any machine
+SECONDS, EVALUATIONS = 60.0, 4_000  # of one solve; the second ends it on any machine
 HOSTILE = 300  # evaluations of what need not arrive: each calls the functions 35 times, 105 without declared derivatives
 RATE = 1.0  # [1/s] of a mechanism that has none, as it is not sound
 

@@ -2,27 +2,18 @@
 
 import pytest
 
-from tests.fuzz.cases import World
 from tests.fuzz.explore import explore
 from tests.fuzz.liars import LIARS
-from tests.fuzz.mechanism import Shape
 
 CASES = {"steps": 40, "control": 24, "machine": 12, "hostile": 44}
 SEED = 20_260
 LIES = 60  # cases within which one is found
-WORLD = World(
-    kinds=(
-        Shape(dim=2, points=2, anchors=2, rods=((0, 2), (1, 0), (1, 3))),
-        Shape(dim=2, points=2, rods=((0, 2), (1, 0)), blade=(1, 0), driven=True, growing=True),
-    ),
-    methods=({"alpha": 0.0, "b": 0.0}, {"alpha": -0.3, "b": 0.25}),
-)
 
 
 @pytest.mark.parametrize("family", CASES)
 def test_no_random_case_shows_a_fault(family):
     """Sound and gentle ones arrive, and they are many."""
-    found = list(explore(family, SEED, CASES[family], world=WORLD))
+    found = list(explore(family, SEED, CASES[family]))
     assert [(one.seed, one.fault) for one in found if one.fault] == []
     assert sum(one.must_succeed for one in found) >= (0 if family == "hostile" else 0.4 * len(found))
     assert sum(one.status == "success" for one in found) >= 0.2 * len(found)
@@ -31,4 +22,4 @@ def test_no_random_case_shows_a_fault(family):
 @pytest.mark.parametrize("name", LIARS)
 def test_a_solver_that_misleads_is_found(name):
     solver, family, twin = LIARS[name]
-    assert any(one.fault for one in explore(family, SEED, LIES, solver, world=WORLD, twin=twin))
+    assert any(one.fault for one in explore(family, SEED, LIES, solver, twin=twin))
