@@ -58,6 +58,7 @@ def main(count: int, seed: int | None, jobs: int, only: tuple[str, ...], shared:
     first, began = secrets.randbelow(10**6) * 10**6 if seed is None else seed, time.perf_counter()
     if shared:
         return share(only[0], first, count)
+    click.echo(f"--seed {first}")
     weights = {name: weight for name, weight in WEIGHTS.items() if name in only or not only}
     parts = [(name, round(count * weight / sum(weights.values()))) for name, weight in weights.items()]
     parts = [(name, first + done, min(SHARE, some - done)) for name, some in parts for done in range(0, some, SHARE)]
