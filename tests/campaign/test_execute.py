@@ -90,7 +90,9 @@ def test_a_cell_that_crashes_hangs_raises_or_lies_costs_itself_only(
     assert (again.ran, again.cells) == (0, 2 * len(ENDS) + 2)
 
 
-def test_successes_are_timed_once_and_a_resumed_campaign_runs_nothing(outside: Path, tmp_path: Path, limits: Limits):
+def test_successes_are_timed_once_for_a_machine_and_a_resumed_campaign_runs_nothing(
+    outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch
+):
     log = tmp_path / "log"
     solver = f"told(seconds=0.01, log='{log}')"
     asked = Campaign(grids=(Grid(problems=("fall",), solvers=(solver, "told(does=segv)"), rtol=TOLERANCES),), repeats=3)
@@ -109,7 +111,16 @@ def test_successes_are_timed_once_and_a_resumed_campaign_runs_nothing(outside: P
     assert timing["disturbed"] is True
     assert rows["told(does", 1e-6].timing == {}
     assert rows["told(log=", 1e-3].counters["steps_accepted"] == 4
-    assert rows["told(log=", 1e-3].environment["cores"] >= 1
+    there = {**machine.machine_facts(), "processor": "another", "cores": 99}
+    for module in (loop, execute):
+        monkeypatch.setattr(module, "machine_facts", lambda: there)
+    with Store(tmp_path / "runs.db") as store:
+        again = run_campaign(asked, store, limits=limits)
+    assert (again.ran, again.timed) == (0, 3)
+    for row in load_rows(tmp_path / "runs.db"):
+        assert not row.timing or row.timing["machine"]["processor"] == "another"
+        assert row.environment["processor"] != "another" and row.environment["cores"] >= 1
+        assert re.fullmatch(r"[0-9a-f]{40}(-dirty)?|unknown", row.environment["commit"])
 
 
 def test_a_larger_budget_repeats_the_cells_that_ran_out_of_time(
@@ -152,31 +163,21 @@ def ends(tmp_path: Path, *solvers: str, **options: Any) -> dict[str, tuple[str, 
     return {row.solver: (row.status, row.message) for row in rows}
 
 
-def test_a_cell_whose_worker_somebody_has_killed_runs_again(outside: Path, tmp_path: Path):
+def test_what_a_cell_does_to_its_worker_harms_no_other(outside: Path, tmp_path: Path):
+    """Workers killed by somebody are replaced, a crash counts only in a new one, files left open end with theirs."""
     log = tmp_path / "log"
     once, always = f"told(does='killed once', mark='{tmp_path / 'mark'}')", f"told(does='killed', log='{log}')"
-    found = ends(tmp_path, once, always)
-    assert found[once] == ("success", "there")
-    status, message = found[always]
-    assert status == "crashed"
-    assert "SIGKILL" in message and f"{execute.MOST_KILLS} times" in message
-    assert len(log.read_text().split()) == 3 + execute.MOST_KILLS  # the looser tolerance: with rows, without, at every step
-
-
-def test_a_crash_counts_only_in_a_worker_that_nothing_was_done_in_before(outside: Path, tmp_path: Path):
-    spoils, fragile = "told(does='spoil')", "told(does='fragile')"
-    assert ends(tmp_path, spoils, fragile) == {spoils: ("success", "there"), fragile: ("success", "there")}
-
-
-def test_a_solver_that_leaves_files_open_does_not_harm_the_next(outside: Path, tmp_path: Path):
-    leaks, innocent = "told(does='leak')", "told(does='files')"
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (512, hard))
     try:
-        found = ends(tmp_path, leaks, innocent)
+        found = ends(tmp_path, once, always, *(f"told(does='{name}')" for name in ("spoil", "fragile", "leak", "files")))
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
-    assert found == {leaks: ("success", "there"), innocent: ("success", "there")}
+    status, message = found.pop(always)
+    assert status == "crashed"
+    assert "SIGKILL" in message and f"{execute.MOST_KILLS} times" in message
+    assert len(log.read_text().split()) == 3 + execute.MOST_KILLS  # the looser tolerance: with rows, without, at every step
+    assert len(found) == 5 and set(found.values()) == {("success", "there")}
 
 
 @pytest.mark.long
@@ -210,16 +211,25 @@ def test_cells_that_ended_with_a_status_run_again_where_that_is_asked(outside: P
     solver = f"told(does='abort unless marked', mark='{mark}')"
     assert ends(tmp_path, solver)[solver][0] == "crashed"
     mark.touch()
-    assert ends(tmp_path, solver)[solver][0] == "crashed"
     assert ends(tmp_path, solver, retry=("out_of_memory",))[solver][0] == "crashed"
     assert ends(tmp_path, solver, retry=("crashed",))[solver] == ("success", "there")
 
 
-def test_a_worker_that_dies_while_it_starts_is_started_again(outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    mark = tmp_path / "mark"
+def test_a_worker_that_dies_while_it_starts_or_gets_no_process_is_started_again(
+    outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    mark, failures = tmp_path / "mark", [OSError("no more processes"), OSError("no more processes")]
     dies = f"import os\nif not os.path.exists({str(mark)!r}):\n open({str(mark)!r}, 'w'); os.kill(os.getpid(), 9)\n"
     monkeypatch.setattr("hhtbench.runtime.processes.START", dies + processes.START)
+
+    def start() -> process.WorkerProcess:
+        if failures:
+            raise failures.pop()
+        return process.WorkerProcess()
+
+    monkeypatch.setattr(execute, "WorkerProcess", start)
     assert ends(tmp_path, "told") == {"told": ("success", "there")}
+    assert mark.exists() and not failures
 
 
 def test_workers_that_cannot_start_any_more_end_the_campaign_while_a_cell_waits_for_a_second_try(
@@ -230,37 +240,6 @@ def test_workers_that_cannot_start_any_more_end_the_campaign_while_a_cell_waits_
     monkeypatch.setattr("hhtbench.runtime.processes.START", dies + processes.START)
     with pytest.raises(ProblemError, match=r"cannot start.*no more"):
         ends(tmp_path, f"told(does='killed once', mark='{mark}')", "told")
-
-
-def test_a_system_that_gives_no_process_for_a_moment_costs_nothing(
-    outside: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    failures = [OSError("no more processes"), OSError("no more processes")]
-
-    def start() -> process.WorkerProcess:
-        if failures:
-            raise failures.pop()
-        return process.WorkerProcess()
-
-    monkeypatch.setattr(execute, "WorkerProcess", start)
-    assert ends(tmp_path, "told") == {"told": ("success", "there")}
-
-
-def test_rows_tell_the_commit_and_times_of_another_machine_are_taken_anew(
-    outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch
-):
-    asked = campaign("good")
-    with Store(tmp_path / "runs.db") as store:
-        assert run_campaign(asked, store, limits=limits).timed == 2
-        assert run_campaign(asked, store, limits=limits).timed == 0
-        there = {**machine.machine_facts(), "processor": "another", "cores": 99}
-        for module in (loop, execute):
-            monkeypatch.setattr(module, "machine_facts", lambda: there)
-        assert run_campaign(asked, store, limits=limits).timed == 2
-    for row in load_rows(tmp_path / "runs.db"):
-        assert row.timing["machine"]["processor"] == "another"
-        assert row.environment["processor"] != "another"
-        assert re.fullmatch(r"[0-9a-f]{40}(-dirty)?|unknown", row.environment["commit"])
 
 
 def test_rows_of_other_versions_are_refused(outside: Path, tmp_path: Path, limits: Limits, monkeypatch: pytest.MonkeyPatch):

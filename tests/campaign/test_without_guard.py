@@ -31,6 +31,7 @@ from pathlib import Path
 from hhtbench.campaign.reference import certified
 print(certified({"knife_edge": "0"}, Path("references"), 1, print))
 """
+MADE = "({}, {'knife_edge': 'the problem brings its own'})\n"
 
 
 @pytest.fixture
@@ -45,26 +46,23 @@ def said_by(*command: str, text: str = "") -> subprocess.CompletedProcess[str]:
     return subprocess.run([sys.executable, *command], input=text, capture_output=True, text=True, timeout=100)
 
 
-def test_references_are_made_from_a_script_without_a_guard_and_from_standard_input(here):
-    (here / "script.py").write_text(CERTIFIED)
-    for found in (said_by("script.py"), said_by("-", text=CERTIFIED)):
-        assert found.stdout == "({}, {'knife_edge': 'the problem brings its own'})\n", found.stderr
+def test_references_are_made_from_standard_input(here):
+    found = said_by("-", text=CERTIFIED)
+    assert found.stdout == MADE, found.stderr
 
 
-def test_a_script_that_names_itself_is_told_so_in_every_cell(here):
-    (here / "me.py").write_text(FALL + RUN.format("'me.py:fall'").replace("row.status", "row.message"))
+def test_a_script_without_a_guard_makes_references_and_is_told_where_it_names_itself(here):
+    """In every cell of a run; a trade is refused before anything runs."""
+    run, trade = RUN.replace("row.status", "row.message").format("'me.py:fall'"), TRADE.format("'me.py:fall'")
+    (here / "me.py").write_text(FALL + run + CERTIFIED + trade)
     found = said_by("me.py")
-    assert found.stdout.count("hb.run and hb.trade cannot be called while me.py is loaded") == 1, found.stderr
-    assert "me.py, line 11, raised ProblemError" in found.stdout and 'under `if __name__ == "__main__":`' in found.stdout
-
-
-def test_a_trade_that_would_start_itself_is_refused_before_anything_runs(here):
-    (here / "me.py").write_text(FALL + TRADE.format("'me.py:fall'"))
-    found = said_by("me.py")
-    assert found.returncode == 1 and found.stdout == "executed\nexecuted\n"
-    assert found.stderr.splitlines()[-1].startswith(
-        "hhtbench.protocol.errors.ProblemError: me.py, line 11, raised ProblemError: hb.run"
-    )
+    told = "me.py, line 11, raised ProblemError"
+    executed, message, *made = found.stdout.splitlines(keepends=True)
+    assert (executed, made) == ("executed\n", [MADE, "executed\n"]), found.stderr
+    assert message.count("hb.run and hb.trade cannot be called while me.py is loaded") == 1
+    assert told in message and 'under `if __name__ == "__main__":`' in message
+    assert found.returncode == 1
+    assert found.stderr.splitlines()[-1].startswith(f"hhtbench.protocol.errors.ProblemError: {told}: hb.run")
 
 
 def test_a_function_of_a_problem_cannot_start_a_campaign(here):
@@ -74,19 +72,22 @@ def test_a_function_of_a_problem_cannot_start_a_campaign(here):
 
 
 def test_problem_objects_of_a_script_are_run_and_traded_in_its_process_which_is_said(here):
-    code = FALL + RUN.format("fall") + TRADE.format("fall")
-    for found in (said_by("-", text=code), said_by("-c", f"exec({code!r}, {{'__name__': '__main__'}})")):
-        assert found.stdout.startswith("executed\n['success']\n"), found.stderr
-        assert "Take scipy(method=DOP853): rtol" in found.stdout and "in one process" in found.stdout
-        assert found.stderr.count("No imported file holds the Problem fall: all was solved in one process") == 2
+    run, trade = RUN.format("fall"), TRADE.format("fall")
+    found, other = said_by("-", text=FALL + run), said_by("-c", f"exec({FALL + run + trade!r}, {{'__name__': '__main__'}})")
+    assert found.stdout == "executed\n['success']\n", found.stderr
+    assert other.stdout.startswith(found.stdout), other.stderr
+    assert "Take scipy(method=DOP853): rtol" in other.stdout and "in one process" in other.stdout
+    said = [
+        one.stderr.count("No imported file holds the Problem fall: all was solved in one process") for one in (found, other)
+    ]
+    assert said == [1, 2]
 
 
-def test_a_problem_object_of_an_imported_file_is_named_by_it(here):
-    found = said_by("-", text=f"import os\nos.utime('fall.py', (0, 0))\nfrom fall import fall, hb\n{RUN.format('fall')}")
-    assert found.stdout == "executed\n['success']\n" and found.stderr == ""
-    code = f"from fall import fall, hb\nopen('fall.py', 'a').write('fall = None')\n{RUN.format('fall')}"
-    found = said_by("-", text=code)
-    assert found.stdout == "executed\n['success']\n" and "No imported file holds" in found.stderr
+def test_a_problem_object_of_an_imported_file_is_named_by_it_until_the_file_changes(here):
+    run, change = RUN.format("fall"), "open('fall.py', 'a').write('fall = None')\n"
+    found = said_by("-", text=f"import os\nos.utime('fall.py', (0, 0))\nfrom fall import fall, hb\n{run}{change}{run}")
+    assert found.stdout == "executed\n" + 2 * "['success']\n", found.stderr
+    assert found.stderr.count("No imported file holds") == 1
 
 
 def test_a_problem_object_gives_the_numbers_that_its_file_gives(here):

@@ -109,13 +109,6 @@ def reaction(xp, shape: Shape, p, t, q, v, lam):
     return own + brakes(xp, shape, p, t, q, v, lam) if shape.reaction == "friction" else own
 
 
-def energy(shape: Shape, p, t, q, v):
-    """Kinetic, of weights and springs."""
-    d = np.linalg.norm(separations(np, shape, p, 1, t, q), axis=1)
-    height = (p.mass[:, None] * p.gravity).ravel() @ q
-    return 0.5 * (masses(np, shape, p, q) * v) @ v - height + 0.5 * p.stiffness @ (d - p.natural) ** 2
-
-
 def force_jacobians(shape: Shape, p, t, q, v):
     """(n, n) each, by q and by v: imaginary parts at imaginary steps, to the last digit."""
 

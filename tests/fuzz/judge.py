@@ -123,33 +123,18 @@ class Judge:
 
     def rate(self, t, q, v) -> float:
         """[1/s] of what is fastest at a state: springs, dampers, turns, falls, tensions, the drive."""
-        shape, p = self.shape, self.p
-        by_q, by_v = formulas.force_jacobians(shape, p, t, q, v)
-        root, size = np.sqrt(formulas.masses(np, shape, p, q)), np.abs(q).max()
+        shape, p, f = self.shape, self.p, formulas
+        by_q, by_v = f.force_jacobians(shape, p, t, q, v)
+        root, shortest = np.sqrt(f.masses(np, shape, p, q)), min(self.shortest(t, q), np.abs(q).max())
         vdot, _, lam, _ = self.acceleration(t, q, v)
-        found = [np.linalg.norm(by_v / root / root[:, None], 2), p.frequency, np.abs(v).max() / size]
-        found += [np.sqrt(np.linalg.norm(by_q / root / root[:, None], 2)), np.sqrt(np.abs(vdot).max() / size)]
-        for kind in (0, 1):
-            d, u = (formulas.separations(np, shape, p, kind, t, x, order) for order, x in enumerate((q, v)))
-            length, points = np.linalg.norm(d, axis=1), shape.maps[kind][0]
-            if length.size:
-                fall = np.linalg.norm((points @ vdot).reshape(d.shape), axis=1)
-                found += [(np.linalg.norm(u, axis=1) / length).max(), np.sqrt((fall / length).max())]
-                if kind == 0:
-                    light = ((points.reshape(*d.shape, -1)[:, 0] / root[:, None].T) ** 2).sum(axis=1)
-                    found.append(np.sqrt(np.abs(p.scale * lam[: length.size] * light).max()))
+        found = [np.linalg.norm(by_v / root / root[:, None], 2), p.frequency, np.abs(v).max() / shortest]
+        found += [np.sqrt(np.linalg.norm(by_q / root / root[:, None], 2)), np.sqrt(np.abs(vdot).max() / shortest)]
+        if shape.rods:
+            light = ((shape.maps[0][0][:: shape.dim] / root) ** 2).sum(axis=1)
+            found.append(np.sqrt(np.abs(p.scale * lam[: light.size] * light).max()))
         if shape.blade:
             found.append(abs(p.turn) * np.abs(v).max() / np.linalg.norm(self.rows(t, q)[-1] / p.blade_scale))
         return float(np.linalg.norm(found))
-
-    def slipping(self, t, q, v) -> float:
-        """[1/s] at which friction lets a slip grow in a motion back in time."""
-        if self.shape.reaction != "friction":
-            return 0.0
-        lam = self.acceleration(t, q, v).lam[: len(self.shape.rods)]
-        root = np.sqrt(formulas.masses(np, self.shape, self.p, q))
-        columns = [formulas.brakes(np, self.shape, self.p, t, q, v + x, lam).imag for x in 1e-30j * np.eye(v.size)]
-        return float(np.linalg.norm(np.array(columns).T / root / root[:, None], 2)) / 1e-30
 
     @cached_property
     def sizes(self) -> tuple[float, float]:
@@ -197,10 +182,3 @@ class Judge:
                 settled = settled and run.success
                 found.append(run.y[:, -1])
         return np.array(found) if settled and len(found) == len(times) else None
-
-    @property
-    def conserves(self) -> bool:
-        """Whether nothing feeds or takes energy."""
-        shape, p = self.shape, self.p
-        fed = shape.driven or (shape.blade and p.speed) or p.drag or p.damper.any()
-        return not fed and shape.reaction != "friction"

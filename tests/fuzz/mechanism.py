@@ -103,15 +103,6 @@ class Mechanism:
         found = {name: np.asarray(change(name, x, units[name])) for name, x in vars(self.p).items()}
         return Mechanism(self.shape, {name: x.tolist() for name, x in found.items()})
 
-    def rotated(self, rotation) -> Mechanism:
-        """In another frame, whose axes are the rows of ``rotation`` (d, d), which leaves the third axis."""
-        return self.but(lambda name, x, unit: x @ rotation.T if unit.vector else x)
-
     def in_units(self, length: float, mass: float, time: float) -> Mechanism:
         """With all numbers in other units, this many of which are one of before."""
         return self.but(lambda name, x, unit: x * length**unit.length * mass**unit.mass * time**unit.time)
-
-    def rescaled(self, factor: float) -> Mechanism:
-        """With the rows of the constraints times ``factor``, those of rods in turn divided by it."""
-        by = {"scale": factor ** (-1.0) ** np.arange(len(self.shape.rods)), "blade_scale": factor}
-        return self.but(lambda name, x, unit: x * by.get(name, 1.0))

@@ -24,8 +24,8 @@ RESOLVED = 0.5  # rad of what is fastest in a step
 FASTER = 10.0  # times what is fastest at the start
 LOOKS = 25  # rows of a run that are looked at, at most
 RUN_ENDS = list(Status)[: list(Status).index(Status.deadline) + 1]  # those after it are not of runs
+LOCAL_PRESCRIBED = 0.5  # times (h rate)^3 of the sizes: the error of a prescribed step
 LOCAL_CONTROLLED = 20.0  # times what is allowed: the error of a step that was accepted
-ENERGY = 6.0  # times (h rate)^2 of the energies in play: with the speeds that forces could make, times those there are
 TOLERANCES = 50.0  # of error control, over a radian: so many tolerances
 LOST = "is off by"  # in messages: of the end
 
@@ -148,11 +148,8 @@ def roundoff(setting: Setting, s: Solution) -> tuple[float, float]:
         relative += CONSISTENT
     if not case.way.declares:
         relative += BY_DIFFERENCES
-    if spoil is not None and (spoil.kind == "off" or (spoil.kind == "noise" and spoil.where == "reaction")):
-        relative += spoil.since  # a start that is off by less than can be told; reactions that put no state anywhere else
-        if spoil.kind == "noise":  # except by what they feel of q over h^2
-            lengths = np.abs(np.diff(s.t))
-            in_v += spoil.since * size_q / lengths.min(initial=np.inf, where=lengths > 0.0)
+    if spoil is not None and (spoil.kind == "off"):
+        relative += spoil.since  # a start that is off by less than can be told
     return in_q + relative * size_q, in_v + relative * size_v
 
 
@@ -198,12 +195,11 @@ def clear(setting: Setting, s: Solution) -> bool:
 
 
 def own_equations(setting: Setting, s: Solution, count: int) -> bool:
-    """Whether ``count`` steps, or all, could be integrated anew; motion, reactions or energy that are wrong raise."""
+    """Whether ``count`` steps, or all, could be integrated anew; a wrong motion or reaction raises."""
     multipliers(setting, s)
     way = setting.case.way
     if s.steps_data is None or not setting.judge.sound or not way.declares or way.watch:
         return False
-    energies(setting, s)
     return local_errors(setting, s, count)
 
 
@@ -224,87 +220,33 @@ def multipliers(setting: Setting, s: Solution) -> None:
 
 
 def local_errors(setting: Setting, s: Solution, count: int) -> bool:
-    """Steps that resolve what is fastest, clear of lost rank, beside a tight integration: whether all looked at are such."""
+    """Steps that resolve what is fastest, clear of lost rank, beside a tight integration: whether all chosen are such."""
     first, last = 1 if setting.case.way.steps else 0, s.t.size - 2  # with a0 = f0 the first prescribed one is of lower order
-    looked = np.unique(np.linspace(first, last, count).astype(int)).tolist() if first <= last else []
+    chosen = np.unique(np.linspace(first, last, count).astype(int)).tolist() if first <= last else []
     compared = 0
-    for i in looked:
+    for i in chosen:
         ends = [(float(s.t[j]), s.q[j], s.v[j]) for j in (i, i + 1)]
         fastest = max(setting.rate, *(setting.judge.rate(*end) for end in ends))
         size = abs(s.t[i + 1] - s.t[i]) * fastest
-        if size <= RESOLVED and all(setting.judge.sigma(*end[:2]) > CLEAR for end in ends):
-            over = step_error(setting, s, i, fastest)
-            if over is not None:
-                compared += 1
-                told = f"step {i} of {s.t.size - 1}, from t = {s.t[i]:.6g}, errs {over:.1f} times what may be"
-                expect(over <= 1.0, f"{told} ({size:.2g} rad)")
-    return 0 < compared == len(looked)
+        exact = setting.judge.carried(*ends[0], [ends[1][0]]) if size <= RESOLVED else None
+        if exact is not None and all(setting.judge.sigma(*end[:2]) > CLEAR for end in ends):
+            compared += 1
+            over = step_error(setting, s, i, fastest, exact[-1])
+            told = f"step {i} of {s.t.size - 1}, from t = {s.t[i]:.6g}, errs {over:.1f} times what may be"
+            expect(over <= 1.0, f"{told} ({size:.2g} rad)")
+    return 0 < compared == len(chosen)
 
 
-def step_error(setting: Setting, s: Solution, i: int, fastest: float) -> float | None:
-    """That of step ``i`` over what may be; None where its motion cannot be integrated."""
-    judge, way, n, t, h = setting.judge, setting.case.way, setting.made.shape.n, float(s.t[i]), float(s.t[i + 1] - s.t[i])
-    times = t + h * np.arange(-2, 3) / 2 if way.steps else [t + h]
-    exact = judge.carried(t, s.q[i], s.v[i], times)
-    if exact is None:
-        return None
-    error, sizes = np.abs(np.concatenate([s.q[i + 1], s.v[i + 1]]) - exact[-1]), np.repeat(judge.sizes, n)
-    clock = EPS * abs(t) * judge.sizes[1] * np.repeat([1.0, fastest], n)  # times are rounded
+def step_error(setting: Setting, s: Solution, i: int, fastest: float, exact: np.ndarray) -> float:
+    """That of step ``i`` over what may be."""
+    way, n, t = setting.case.way, setting.made.shape.n, float(s.t[i])
+    error, own = np.abs(np.concatenate([s.q[i + 1], s.v[i + 1]]) - exact), np.repeat(setting.judge.sizes, n)
+    clock = EPS * abs(t) * setting.judge.sizes[1] * np.repeat([1.0, fastest], n)  # times are rounded
     clock += np.repeat(rounding(setting, s), n)
     if way.steps:
-        in_q, in_v = missed(setting, times, exact, h)
-        allowed = np.repeat([in_q, in_v + fastest * in_q], n)
-        return float((error / (allowed + clock + 1e-9 * sizes)).max())
-    now = np.maximum(np.abs(exact[-1]), np.concatenate([s.q[i], s.v[i]]))
-    allowed = way.rtol * (np.abs(now) + sizes) * np.sqrt(min(1.0, 2 * way.rtol))
-    return float(np.sqrt(np.mean((error / (allowed + clock + 1e-11 * sizes)) ** 2))) / LOCAL_CONTROLLED
-
-
-def missed(setting: Setting, times, motion, h: float) -> tuple[float, float]:
-    """Of q and of v, what a step of h may err by along a ``motion`` (5, 2n) at ``times`` h/2 apart, by (H23) to (H25).
-
-    In q h^2 times the changes of f and of r over a step, with weights of 1/3 at most; in v h times their second differences,
-    with weights that are no larger.  They are taken one by one, f and the reaction of every row, since errors do not cancel
-    as these may; so are the two factors of a reaction, of which a step joins those of different times.
-    """
-    judge, n = setting.judge, setting.made.shape.n
-    places = [(float(t), y[:n], y[n:]) for t, y in zip(times, motion, strict=True)]
-    found = [judge.acceleration(*place) for place in places]
-    lam, applied = np.array([a.lam for a in found]), np.array([a.of_force for a in found])
-    rows = np.array([judge.rows(t, q) / judge.unit(t, q)[2] ** 2 for t, q, _ in places])  # accelerations by lam
-    reactions = rows * lam[:, :, None]
-    friction = np.array([a.vdot for a in found]) - applied + reactions.sum(axis=1)
-    first, second = np.sum([changes(x) for x in (applied, friction, *reactions.swapaxes(0, 1))], axis=0)
-    if setting.case.way.ratios and not setting.case.way.options.get("rescale_a", True):  # a0 is that of another step, (H11)
-        second += first
-    for of_rows, of_lam in zip(rows.swapaxes(0, 1), lam.T, strict=True):
-        second += 2 * changes(of_rows)[0] * changes(of_lam[:, None])[0]
-    return h * h * first, abs(h) * second
-
-
-def changes(x: np.ndarray) -> tuple[float, float]:
-    """Largest change over a step and second difference of x (5, n), at places half a step apart."""
-    second = max(np.abs(x[4] - 2 * x[2] + x[0]).max(), 4 * np.abs(x[2:] - 2 * x[1:-1] + x[:-2]).max())
-    return float(np.abs(x[2:] - x[:-2]).max()), float(second)
-
-
-def energies(setting: Setting, s: Solution) -> None:
-    """Of motions that conserve it: kept at alpha = 0, else not grown, up to the square of steps or the tolerance."""
-    judge, way = setting.judge, setting.case.way
-    size = way.turns / way.steps * max(way.ratios, default=1.0) / np.mean(way.ratios or 1.0) if way.steps else 0.0
-    if not judge.conserves or size > RESOLVED:
-        return
-    looked = [0, *some(s.t.size)]
-    change = np.array([formulas.energy(judge.shape, judge.p, float(s.t[i]), s.q[i], s.v[i]) for i in looked])
-    change -= change[0]
-    fastest = float(np.abs(s.v).max())  # what a step misses of it is work, done with this speed
-    momentum = judge.p.mass.sum() * max(judge.sizes[1], fastest)
-    of_steps = ENERGY * size**2 if way.steps else TOLERANCES * way.rtol
-    damped = way.options["alpha"] < 0.0
-    bound = of_steps * momentum * fastest * max(1.0, way.turns) + 1e-11 * momentum * max(judge.sizes[1], fastest)
-    if judge.shape.blade and not way.steps:  # it holds velocities: q slips by what the tolerance allows of each step
-        held = max(float(np.linalg.norm(judge.rows(float(s.t[i]), s.q[i])[-1] * s.mu[i, -1])) for i in looked)
-        bound += held * (s.t.size - 1) * way.rtol**1.5 * max(judge.sizes[0], float(np.abs(s.q).max()))
-    wrong = np.nonzero((change if damped else np.abs(change)) > bound)[0]
-    where = looked[wrong[0]] if wrong.size else ""
-    expect(not wrong.size, f"row {where} of {s.t.size}: energy changes by {change} J, of {bound:.1e} J that may be")
+        order = 3 if way.options.get("rescale_a", True) or not way.ratios else 2  # a0 is that of another step, (H11)
+        allowed = LOCAL_PRESCRIBED * (fastest * abs(s.t[i + 1] - t)) ** order * np.repeat(sizes(setting, s), n)
+        return float((error / (allowed + clock + 1e-9 * own)).max())
+    now = np.maximum(np.abs(exact), np.concatenate([s.q[i], s.v[i]]))
+    allowed = way.rtol * (np.abs(now) + own) * np.sqrt(min(1.0, 2 * way.rtol))
+    return float(np.sqrt(np.mean((error / (allowed + clock + 1e-11 * own)) ** 2))) / LOCAL_CONTROLLED

@@ -16,7 +16,7 @@ from tests.fuzz.cases import Case
 from tests.fuzz.judge import Judge
 from tests.fuzz.systems import Spoil, numpy_system, traced_system
 
-SECONDS, EVALUATIONS = 60.0, 2_000  # of one solve; the second ends it on any machine
+SECONDS, EVALUATIONS = 60.0, 4_000  # of one solve; the second ends it on any machine
 HOSTILE = 300  # evaluations of what need not arrive: each calls the functions 35 times, 105 without declared derivatives
 RATE = 1.0  # [1/s] of a mechanism that has none, as it is not sound
 
@@ -96,7 +96,7 @@ class Setting:
         """Steps or tolerance, and budgets."""
         way = self.case.way
         most = HOSTILE if self.case.family == "hostile" else EVALUATIONS
-        budget = {"max_seconds": SECONDS, "max_evaluations": most, **way.budget}
+        budget = {"max_seconds": SECONDS, "max_evaluations": most}
         if way.steps == 0:
             return {"rtol": way.rtol, **budget}
         if not way.ratios:
@@ -149,6 +149,6 @@ class Setting:
     def must_succeed(self) -> bool:
         """Whether nothing excuses a failure: no fault, far from lost rank, a smooth reaction that leaves no row out."""
         case, way, shape, judge = self.case, self.case.way, self.made.shape, self.judge
-        plain = case.family != "hostile" and not way.budget and way.watch != "change"  # changes may pile up
+        plain = case.family != "hostile" and way.watch != "change"  # changes may pile up
         doubled = len(judge.distinct) < len(shape.rods) + (shape.blade is not None)
         return plain and judge.sound and shape.reaction != "friction" and not (shape.reaction and doubled)

@@ -1,168 +1,94 @@
 """A second opinion of a hostile run's motion, wherever it says success.
 
-Steps that resolve what is fastest, clear of lost rank, are integrated anew by the fuzzing's own equations.  Of a run of
-which that cannot be done with every step that is looked at, the whole motion is, put so that nothing of it is extreme: in
-units in which its size, its masses and what is fastest are about one, from t0 = 0, with rows of scale one.  Where those
-equations do not tell it (prescribed steps err by more than roundoff, a function is wrong, friction has several roots), it
-has a second run of the same solver beside it, so put, by full matrices, under error control with a tenth of the tolerance.
-How much the two may differ follows from what the first may err by and from the conditioning: how far the end moves where
-every number is a little off, as a third one shows.
+Steps that resolve what is fastest, clear of lost rank, are integrated anew by the fuzzing's own equations.  Under error
+control, where that cannot be done with every step that is chosen, the whole motion is integrated anew, so that nothing of
+it is extreme: in units in which its size, its masses and what is fastest are about one, from t0 = 0, with rows of scale one.
+How much the two may differ follows from what the run may err by and from the conditioning: how far the end moves where
+every number is a little off, as a third motion shows.
 """
 
 from __future__ import annotations
 
-from collections import namedtuple
 from contextlib import suppress
-from dataclasses import replace
 
 import numpy as np
 
 from hhtbench import Solution
 from hhtbench.conformance.subject import expect
-from tests.fuzz.mechanism import Unit
+from tests.fuzz.judge import Judge
+from tests.fuzz.mechanism import Mechanism
 from tests.fuzz.oracles import EPS, ROUNDED, TOLERANCES, number, own_equations, rounding, sizes
-from tests.fuzz.runs import HOSTILE, Setting
-from tests.fuzz.systems import Spoil
-from tests.fuzz.twins import CLOSE
+from tests.fuzz.runs import Setting
+from tests.fuzz.twins import apart, end
 
 EVERY = 10  # steps of a run that are integrated anew
-FINER, FINEST = 0.1, 1e-12  # tolerance of the second run over the first's; no finer than the second
-PATIENT = 10 * HOSTILE  # evaluations of the second run
+FINEST = 1e-12  # tolerance that is believed
 SHAKEN = 1e-6, 1e-2  # relative changes of every number: the tolerance, but no less and no more than these
-LITTLE = 0.3  # of the sizes: a larger bound does not say much
 KEPT = ("places", "anchor", "length")  # numbers that have to agree with one another
+PLAIN = {"scale": 1.0, "blade_scale": 1.0, "t0": 0.0}  # numbers that do not change the motion
 UNRESOLVED = r"forces change v\[\d+\] by (\S+),"  # in messages: by how much
-UNTOLD = 1e-5  # a derivative that is wrong by less: differences hardly tell it
-UNMET = ("nan", "raise")  # spoils that a run which says success has not met
-OF_NUMBERS = ("units", "massless")  # spoils that the mechanism has already
-
-EQUATIONS, OWN, RUN = "its steps integrated anew", "its motion integrated anew", "a second run"
-NOTHING, LOOSE = "no motion to judge", f", to more than {LITTLE:g} of the sizes"
-UNJUDGED = "cannot be judged: the second run does not arrive"
-SLIPS = "cannot be judged: prescribed steps pass over slips that friction lets grow back in time"
 
 
-End = namedtuple("End", "q v")  # of a motion, or its rows
-
-
-def second_opinion(setting: Setting, s: Solution) -> str:
-    """By what the motion was judged; what is wrong with it is an AssertionError."""
-    if s.t.size < 2 or s.t[-1] == s.t[0]:
-        return NOTHING
+def second_opinion(setting: Setting, s: Solution) -> None:
+    """What is wrong with the motion is an AssertionError."""
+    way, judge = setting.case.way, setting.judge
+    if s.t.size < 2 or s.t[-1] == s.t[0] or not has_its_own_motion(setting):
+        return
     with np.errstate(all="ignore"):
-        if is_untouched(setting.case.spoil) and own_equations(setting, s, EVERY):
-            return EQUATIONS
-        length, _, time = units = plain_units(setting)
-        plain, shake = plainly(setting, s, units), float(np.clip(setting.case.way.rtol, *SHAKEN))
-        told_by, end_of = OWN, integrated
-        began = End(s.q[0] * length, s.v[0] * (length / time))  # where calc_initcond may have moved it
-        second = integrated(plain, began) if is_known(setting) else None
-        if second is None:
-            told_by, end_of = RUN, arrived
-            second = end_of(plain)
-        if second is None:
-            return UNJUDGED
-        if told_by == RUN and setting.case.way.steps and slips(setting, s):
-            return SLIPS
-        found = End(s.q * length, s.v * (length / time))
-        sizes = [max(size, float(np.abs(x).max())) for size, x in zip(plain.judge.sizes, found, strict=True)]
-        third = end_of(plainly(setting, s, units, shake))
-        moved = np.inf if third is None else apart(sizes, second, third) / shake
-        bound = errors(setting, s) * (1.0 + moved)
-        off = apart(sizes, second, End(found.q[-1], found.v[-1]))
-    told = f"the end, row {s.t.size - 1}, is {off:.1e} of the sizes beside that of the same motion in plain units"
-    expect(off <= bound, f"{told} by {told_by}, over {bound:.1e}")
-    return told_by if bound <= LITTLE else f"{told_by}{LOOSE}"
+        if own_equations(setting, s, EVERY) or way.steps or way.watch == "change":
+            return
+        length, mass, time = 1.0 / judge.sizes[0], float(np.exp(-np.mean(np.log(judge.p.mass)))), setting.rate
+        made, interval = setting.made.in_units(length, mass, time), float(s.t[-1] - s.t[0]) * time
+        exact = integrated(shaken(made, 0.0), interval, (s.q[0] * length, s.v[0] * (length / time)))
+        if exact is None:
+            return
+        shake = float(np.clip(way.rtol, *SHAKEN))
+        third = integrated(shaken(made, shake), interval)
+        size_q, size_v = sizes(setting, s)
+        scales = size_q * length, size_v * (length / time)
+        moved = np.inf if third is None else apart(scales, exact, third) / shake
+        q, v = end(s)
+        off, bound = apart(scales, exact, (q * length, v * (length / time))), errors(setting, s) * (1.0 + moved)
+    expect(off <= bound, f"the end, row {s.t.size - 1}, is {off:.1e} of the sizes beside the exact one, over {bound:.1e}")
 
 
-def is_untouched(spoil: Spoil | None) -> bool:
+def has_its_own_motion(setting: Setting) -> bool:
     """Whether motion and multipliers are those of the mechanism, whatever is wrong with the case."""
-    return spoil is None or spoil.kind in (*UNMET, "units") or (spoil.where == "force_jacobians" and spoil.kind != "off")
+    spoil = setting.case.spoil
+    if spoil is None or spoil.kind in ("nan", "raise", "units"):
+        return True
+    return spoil.kind == "wrong" and spoil.where == "force_jacobians"
 
 
-def slips(setting: Setting, s: Solution) -> bool:
-    """Whether steps back in time are longer than a slip takes to grow: implicit ones keep it down, or follow it."""
-    steps = zip(s.t, np.diff(s.t), s.q, s.v, strict=False)
-    return any(h < 0.0 and -h * setting.judge.slipping(t, q, v) > 1.0 for t, h, q, v in steps)
+def shaken(made: Mechanism, shake: float) -> Mechanism:
+    """In plain numbers, off by up to ``shake``."""
+    random = np.random.default_rng(0)
+
+    def number(name: str, x: np.ndarray, _) -> np.ndarray:
+        if name in PLAIN:
+            return np.full_like(x, PLAIN[name])
+        return x if name in KEPT else x * (1.0 + shake * random.uniform(-1.0, 1.0, x.shape))
+
+    return made.but(number)
 
 
-def is_known(setting: Setting) -> bool:
-    """Whether the fuzzing's own equations tell where a run under error control ends."""
-    way, spoil = setting.case.way, setting.case.spoil
-    another = spoil is not None and (spoil.kind == "massless" or (spoil.kind == "wrong" and spoil.where == "force"))
-    return not way.steps and way.watch != "change" and not another
-
-
-def plain_units(setting: Setting) -> tuple[float, float, float]:
-    """How many of the units in which size, masses and rate are one make up a metre, a kilogram, a second."""
-    size, masses = setting.judge.sizes[0], setting.judge.p.mass
-    heavy = np.exp(np.mean(np.log(masses[masses > 0.0]))) if np.any(masses > 0.0) else 1.0
-    return 1.0 / (size or 1.0), 1.0 / float(heavy), setting.rate
-
-
-def plainly(setting: Setting, s: Solution, units: tuple[float, float, float], shake: float = 0.0) -> Setting:
-    """The same motion with nothing extreme; its numbers off by ``shake``."""
-    case, way, time, random = setting.case, setting.case.way, units[2], np.random.default_rng(0)
-
-    def number(name: str, x: np.ndarray, _: Unit) -> np.ndarray:
-        if name in ("scale", "blade_scale"):
-            return np.ones_like(x)
-        return 0.0 * x if name == "t0" else x if name in KEPT else x * (1.0 + shake * random.uniform(-1.0, 1.0, x.shape))
-
-    options = {**way.options, "linsolver": "dense"}
-    if "min_step" in options:
-        options["min_step"] *= time
-    ended = way.watch == "terminal" and not way.steps  # the other run goes to where this one has ended
-    interval = float(s.t[-1] - s.t[0]) if ended or not way.steps else setting.length
-    kept = case.spoil is not None and case.spoil.kind not in (*UNMET, *OF_NUMBERS)
-    believed = not (kept and case.spoil.kind == "wrong" and "constraint" in case.spoil.where)  # g_t may be too small to tell
-    new = replace(
-        case,
-        made=setting.made.in_units(*units).but(number),
-        way=replace(way, options=options, watch="" if ended else way.watch, budget={}, declares=way.declares and believed),
-        spoil=case.spoil if kept else None,
-    )
-    return Setting(new, setting.solver, interval * time)
-
-
-def apart(sizes: list[float], one: End, other: End) -> float:
-    """Over the sizes of the motion."""
-    return float(max(np.abs(x - y).max() / size for x, y, size in zip(one, other, sizes, strict=True)))
-
-
-def integrated(plain: Setting, began: End | None = None) -> End | None:
-    """Of its motion by the fuzzing's own equations, from its start or where it ``began``."""
-    (t0, t1), (q, v) = plain.span, began or plain.judge.start[:2]
+def integrated(made: Mechanism, interval: float, began=None):
+    """End of a motion by the fuzzing's own equations, from its start or where it ``began``."""
+    judge = Judge(made)
     with suppress(np.linalg.LinAlgError):
-        end = plain.judge.carried(t0, q, v, [t1])
-        if end is not None and np.isfinite(end).all():
-            return End(*np.split(end[0], 2))
+        motion = judge.carried(0.0, *(began or judge.start[:2]), [interval])
+        if motion is not None and np.isfinite(motion).all():
+            return np.split(motion[0], 2)
     return None
-
-
-def arrived(plain: Setting) -> End | None:
-    """Of its run, under error control a finer one, if it says success."""
-    way = plain.case.way
-    found = plain.run(max_evaluations=PATIENT, rtol=None if way.steps else max(FINER * way.rtol, FINEST)).solution
-    good = found is not None and found.success and np.isfinite(found.q[-1]).all()
-    return End(found.q[-1], found.v[-1]) if good else None
 
 
 def errors(setting: Setting, s: Solution) -> float:
     """What a run may err by over the sizes, of a motion that is well conditioned."""
-    way, spoil = setting.case.way, setting.case.spoil
-    found = CLOSE if way.steps else TOLERANCES * max(way.rtol, FINEST) * max(1.0, way.turns)
-    crossed = float(np.abs(s.v).max()) / (setting.judge.sizes[0] or 1.0)  # it may have become fast
-    changes = np.count_nonzero(np.diff(s.t) == 0.0)
-    found += EPS * float(np.abs(s.t).max()) * max(setting.rate, crossed) * (1 + changes)  # of times, of events too
-    sigma = setting.judge.sigma(float(s.t[0]), s.q[0]) or 1.0  # 0: no such number, and no allowance by it
+    way, judge = setting.case.way, setting.judge
+    found = TOLERANCES * max(way.rtol, FINEST) * max(1.0, way.turns)
+    crossed = float(np.abs(s.v).max()) / judge.sizes[0]  # it may have become fast
+    found += EPS * float(np.abs(s.t).max()) * max(setting.rate, crossed)  # of times
+    sigma = judge.sigma(float(s.t[0]), s.q[0]) or 1.0  # 0: no such number, and no allowance by it
     found += ROUNDED * EPS / sigma**2  # of rows nearly alike
     found += max(x / size for x, size in zip(rounding(setting, s), sizes(setting, s), strict=True))
-    found += number(UNRESOLVED, s) / setting.judge.sizes[1]  # in a step that does not see it
-    return found + (0.0 if spoil is None or not is_felt(spoil) else spoil.since)
-
-
-def is_felt(spoil: Spoil) -> bool:
-    """Whether the motion errs by as much as it: noise, a start, and g_t + g_q v of a derivative that is wrong by little."""
-    told = "constraint" not in spoil.where or spoil.since > UNTOLD
-    return spoil.kind in ("noise", "off") or (spoil.kind == "wrong" and not told)
+    return found + number(UNRESOLVED, s) / judge.sizes[1]  # in a step that does not see it

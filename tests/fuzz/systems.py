@@ -12,7 +12,7 @@ import hhtbench as hb
 from tests.fuzz import formulas
 from tests.fuzz.mechanism import PARAMETERS, Mechanism, Shape
 
-OF_FUNCTIONS = ("nan", "raise", "wrong", "noise")  # spoils; others are of numbers
+OF_FUNCTIONS = ("nan", "raise", "wrong")  # spoils; others are of numbers
 
 
 class Planted(Exception):
@@ -23,7 +23,7 @@ class Planted(Exception):
 class Spoil:
     """A fault of the user's."""
 
-    kind: str  #: "nan", "raise", "wrong" or "noise" of a function, "off" of the start, "units", "massless"
+    kind: str  #: "nan", "raise", "wrong" of a function, "off" of the start, "units", "massless"
     where: str = ""  #: the function's name
     since: float = 0.0  #: [s] from the start on, of "nan" and "raise"; how wrong, of others
 
@@ -74,8 +74,7 @@ def numpy_system(made: Mechanism, *, declares: bool = True, spoil: Spoil | None 
 
 
 def spoiled(function, spoil: Spoil, t0: float):
-    """``function``, not finite or raising after a time, wrong by a factor, or with noise."""
-    random = np.random.default_rng(0)
+    """``function``, not finite or raising after a time, or wrong by a factor."""
 
     @wraps(function)
     def call(t, *rest):
@@ -86,8 +85,6 @@ def spoiled(function, spoil: Spoil, t0: float):
             if spoil.kind == "raise":
                 raise Planted(spoil.where)
             factor = np.nan
-        elif spoil.kind == "noise":
-            factor = 1.0 + spoil.since * random.standard_normal()
         return tuple(part * factor for part in value) if isinstance(value, tuple) else value * factor
 
     return call
