@@ -83,7 +83,7 @@ def test_multipliers_of_many_rows_do_not_overrun_the_budget(solver):
 def test_a_budget_that_is_over_at_once_ends_in_a_status(solver):
     solution = hb.solve("simple_pendulum", solver, rtol=1e-5, max_seconds=1e-9)
     assert solution.status is Status.deadline
-    assert solution.t.size == 0
+    assert solution.t.size <= 1, "the start is there where the problem was prepared before"
 
 
 @pytest.mark.parametrize("solver", ["hht", "ida", "scipy(method=Radau)", "collocation"])
