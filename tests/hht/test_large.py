@@ -8,7 +8,7 @@ from hhtbench import System, load_problem
 from hhtbench.lowering import NotNative, derive, flattening
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
-from hhtbench.lowering.dynamics import jax_dynamics
+from hhtbench.lowering.dynamics import jax_dynamics, products
 from problems.planar_chain import PlanarChain
 from solvers._projection import Projection
 from solvers.hht import HHT
@@ -127,7 +127,7 @@ def test_a_large_system_moves_the_same_by_entries_of_a_variable_mass_and_by_full
 
 def test_projections_of_a_large_system_make_nothing_anew(monkeypatch):
     """Those of every solve had grown the process by 100 MB in a thousand (row R7 of the acceptance matrix)."""
-    monkeypatch.setattr(jax_dynamics, "LARGE", 100)
+    monkeypatch.setattr(products, "LARGE", 100)
     chain, kept = load_problem(CHAIN), []
     dynamics = derive(chain.system, chain.t_span[0], chain.q0, chain.v0)
     for _ in range(3):

@@ -101,7 +101,7 @@ def changed_results(subject: Subject) -> Cases:
 EXECUTE, STORE, PLAN = (f"tests/campaign/test_{name}.py::test_" for name in ("execute", "store", "plan"))
 RUNS, DISK, DAMAGE = (f"tests/campaign/test_{name}.py::test_" for name in ("run_faults", "disk_faults", "damage"))
 COSTS_ITSELF = f"{EXECUTE}a_cell_that_crashes_hangs_raises_or_lies_costs_itself_only"
-RUNS_AGAIN = f"{EXECUTE}a_cell_whose_worker_somebody_has_killed_runs_again"
+RUNS_AGAIN = f"{EXECUTE}what_a_cell_does_to_its_worker_harms_no_other"
 BY_TESTS = (
     tested(
         "A3",
@@ -168,7 +168,7 @@ BY_TESTS = (
         "K8",
         "resume of an unchanged campaign",
         "0 cells run",
-        f"{EXECUTE}successes_are_timed_once_and_a_resumed_campaign_runs_nothing",
+        f"{EXECUTE}successes_are_timed_once_for_a_machine_and_a_resumed_campaign_runs_nothing",
     ),
     tested(
         "K9",
