@@ -1,4 +1,4 @@
-"""What commands share: options, and what becomes of what they have found: text, the file of --json, the exit code."""
+"""Shared by the commands: common options, and the output of a result as text, JSON and exit code."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def check_solver(
         Name of a check -> the reason why it is known to fail.  Such a check fails where it passes.  What the registry knows
         of a solver need not be named.
     suite
-        "claims": the checks of the protocol and of what is claimed below.  "extremes": hostile cases, of each axis of
+        "claims": checks of the protocol and of the claims given below.  "extremes": hostile cases, of each axis of
         ``hhtbench study stability`` a few: it arrives within the expected error, or ends early and says so.
     order
         Of the error with prescribed steps, for all of q, v, lam and mu; None: nothing is claimed.

@@ -96,7 +96,7 @@ class Outcome:
     x: float | None = None  #: value of a family's parameter
     line: str = ""  #: what else differs within a family
     status: str = ""  #: how the one solve of a cell ended
-    errors: Mapping[str, float] = field(default_factory=dict)  #: of what a cell expects, where it arrived
+    errors: Mapping[str, float] = field(default_factory=dict)  #: errors of a run that arrived, by expectation
     share: float | None = None  #: largest error over what is allowed
     steps: int | None = None
     evaluations: int | None = None

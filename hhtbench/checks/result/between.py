@@ -2,7 +2,7 @@
 
 What stands out is no proof, but a place for an integration to begin: for the windows of a judgement
 (:func:`stand_out`, :func:`bends`), or from one row to the next (:func:`stepped_over`, for ``hb.solve(accuracy=...)``, since
-runs that step over the same place agree, and show nothing of what acts there).
+runs that step over the same place agree with one another, although a force acts there).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution, ends_of
 
 STILL = 1e-3  # of the median speed of change: slower rows may be frozen
-LEAP = 30.0  # times the median of what the velocities leave of the way to the next row: a larger one may be a jump
+LEAP = 30.0  # times the median difference between the way to the next row and that by the velocities: above, maybe a jump
 APART = 1e-9  # of the interval: the way between rows nearer to one another is roundoff
 PLACES = 200  # at which accelerations are compared, one in each of as many equal parts of the interval
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # its multiples' fractional parts hit no grid
