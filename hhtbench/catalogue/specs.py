@@ -11,6 +11,7 @@ import ast
 import math
 import operator
 import re
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -21,6 +22,7 @@ from hhtbench.protocol.errors import ProblemError
 
 EXAMPLES = "planar_chain(n_links=100), my_file.py:problem(k=1) or hht(alpha=-1/3, reaction=midpoint)"
 MOST_BITS = 4096  # of a whole number: 9**9**9 must be refused, not computed
+_parsing = threading.Lock()  # CPython 3.11 and 3.12 count the parser's depth over all threads: gh-106905
 
 # Tried in this order, and not greedy: a string argument may hold ".py:word", a folder's name may hold a quote.
 _TARGETS = (
@@ -123,7 +125,8 @@ def _arguments(text: str, start: int) -> dict[str, Any]:
     """The keywords of ``text[start:]``, which runs from "(" to ")"."""
     shift = start - 1  # "f" stands for the name, so that columns differ by this
     try:
-        call = ast.parse("f" + text[start:], mode="eval").body
+        with _parsing:
+            call = ast.parse("f" + text[start:], mode="eval").body
     except SyntaxError as error:
         raise _unreadable(text, shift + max((error.offset or 1) - 1, 1), error.msg) from error
     except (RecursionError, MemoryError) as error:
