@@ -1,5 +1,9 @@
 from __future__ import annotations
 
+import gc
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -120,3 +124,18 @@ def test_canonical_form_is_read_back_as_the_same_spec(arguments):
 def test_value_without_a_form_in_a_spec_has_no_canonical_form():
     with pytest.raises(ProblemError, match="k=nan has no form"):
         str(Spec(name="a", arguments={"k": float("nan")}))
+
+
+def test_threads_parse_specs_side_by_side():
+    gc.callbacks.append(pause := lambda *_: sum(range(50)))  # lets threads change places within the parser
+    interval, threshold = sys.getswitchinterval(), gc.get_threshold()
+    sys.setswitchinterval(1e-6)
+    gc.set_threshold(20)
+    try:
+        with ThreadPoolExecutor(6) as pool:
+            found = list(pool.map(lambda k: parse_spec(f"rod(a={k}, b=[1, 2, 3, 4, 5, 6])").arguments["a"], range(4000)))
+    finally:
+        gc.callbacks.remove(pause)
+        gc.set_threshold(*threshold)
+        sys.setswitchinterval(interval)
+    assert found == list(range(4000))
