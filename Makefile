@@ -11,14 +11,13 @@
 #               again; twenty minutes on two cores)
 # make faults   plant every fault of tests/faults into a copy of the sources: which check finds it (a quarter of an hour on two cores)
 # make docs     the pages of docs/, the gallery and the docstrings as a site: build/docs/index.html
-# make picture  the README's picture: the report's page, seen by a headless browser
+# make pictures  the pictures of README and docs/ (a minute)
 # make loops    compile the loops of the integrator anew, after a change of their sources (a minute; needs Numba)
 # make clean    remove what these made
 #
 # Another Python: make test PYTHON=python3.13
 
 PYTHON ?= python3
-BROWSER ?= chromium
 JOBS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
@@ -32,7 +31,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain bench-engine test test-faults test-slow fuzz validate faults docs picture loops clean
+.PHONY: bench bench-chain bench-engine test test-faults test-slow fuzz validate faults docs pictures loops clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -81,9 +80,8 @@ docs: $(STAMP)
 	@$(PIP) install sphinx==9.0.4 furo==2025.12.19 myst-parser==5.2.0 sphinx-gallery==0.22.1
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/docs
 
-picture: bench
-	$(BROWSER) --headless --no-sandbox --hide-scrollbars --window-size=1320,1000 --virtual-time-budget=10000 \
-		--screenshot="$(CURDIR)/reports/published/convergence.png" "file://$(CURDIR)/reports/latest/convergence.html"
+pictures: $(STAMP)
+	$(BIN)/python docs/pictures/draw.py
 
 loops: $(STAMP)
 	$(BIN)/python -m hhtbench.lowering.compile.compiled_loops solvers.hht.run.engine solvers.explicit.march

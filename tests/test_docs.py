@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 import re
 import runpy
+import shlex
 from pathlib import Path
 
+import click
 import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
@@ -15,9 +17,14 @@ from scipy.integrate import solve_ivp
 
 import hhtbench as hb
 from hhtbench.campaign import analysis
+from hhtbench.cli.main import main
 
 mpl.use("agg")
 DOCS = Path(__file__).parent.parent / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+COMMANDS = sorted(
+    {line for file in PAGES for line in re.findall(r"^hhtbench .*$", file.read_text(encoding="utf-8"), re.MULTILINE)}
+)
 
 
 def run_page(name):
@@ -28,17 +35,134 @@ def run_page(name):
     return scope
 
 
+def text_of(file):
+    return file.read_text(encoding="utf-8")
+
+
 @pytest.fixture(scope="module")
 def rk4():
     return run_page("write_a_solver.md")["RK4"]()
 
 
 def test_every_page_has_code_that_is_run():
-    assert {file.name for file in DOCS.glob("*.md") if "```python" in file.read_text(encoding="utf-8")} == {
-        *("check_a_solver.md", "write_a_solver.md", "write_a_problem.md", "campaigns.md", "fits.md"),
-        "mechanisms.md",  # in tests/mechanics
-        "advice.md",  # in tests/advice
-    }
+    run_here = set(re.findall(r'run_page\("([\w.]+)"\)', text_of(Path(__file__))))
+    elsewhere = {"mechanisms.md", "advice.md"}  # in tests/mechanics and tests/advice
+    assert {file.name for file in PAGES if "```python" in text_of(file)} == run_here | elsewhere
+
+
+@pytest.mark.parametrize("file", [file for file in PAGES if file.name != "readme.md"], ids=lambda file: file.name)
+def test_every_page_begins_with_what_its_reader_can_do_and_is_in_the_index(file):
+    heading, _, first, *_ = text_of(file).splitlines()
+    assert heading.startswith("# ")
+    assert first.startswith("After this page you ")
+    assert f"   {file.stem}\n" in text_of(DOCS / "index.rst")
+
+
+def test_pages_are_short():
+    prose = [re.sub(r"```.*?```", "", text_of(file), flags=re.DOTALL) for file in PAGES]
+    assert sum(len(text.split()) for text in prose) <= 9000  # code aside
+
+
+@pytest.mark.parametrize(
+    "file", [*PAGES, DOCS.parent / "README.md", DOCS.parent / "CONTRIBUTING.md"], ids=lambda file: file.name
+)
+def test_every_link_to_a_file_leads_somewhere(file):
+    for target, anchor in re.findall(r"\]\((?!https?:)([^)#]*)(?:#([^)]*))?\)", text_of(file)):
+        found = file.parent / target if target else file
+        assert found.exists(), target
+        if anchor:
+            headings = [
+                re.sub(r"[^\w -]", "", line).strip().lower().replace(" ", "-") for line in text_of(found).splitlines()
+            ]
+            assert anchor in headings, f"{target}#{anchor}"
+
+
+@pytest.mark.parametrize("line", COMMANDS)
+def test_every_command_of_the_pages_exists_with_its_options(line):
+    name, *arguments = shlex.split(line, comments=True)[1:]
+    command = main.commands[name]
+    if isinstance(command, click.Group):
+        name, *arguments = arguments
+        command = command.commands[name]
+    command.make_context(name, arguments, resilient_parsing=True)
+
+
+def test_the_rope_of_the_first_page_carries_the_load_at_the_start(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    scope = run_page("getting_started.md")
+    assert scope["solution"].success
+    assert scope["solution"].error.bound < 1e-3
+    np.testing.assert_allclose(scope["tension"][0], 49.05, rtol=1e-6)
+
+
+def test_the_pin_of_the_page_carries_a_quarter_of_the_weight_and_then_two_and_a_half_times_it(capsys):
+    force, weight = run_page("joint_forces.md")["force"], 2.0 * 9.81
+    np.testing.assert_allclose(force[0], [0.0, weight / 4], atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(force, axis=1).max(), 2.5 * weight, rtol=1e-4)
+
+
+def test_the_bead_of_the_page_moves_as_its_equation_of_the_angle_says(capsys):
+    def sliding(t, y):  # from the lowest point; the ring's force a kilogram is cos(angle) g + rate^2
+        across = 9.81 * np.cos(y[0]) + y[1] ** 2
+        return [y[1], -9.81 * np.sin(y[0]) - 0.15 * abs(across) * np.tanh(y[1] / 0.02)]
+
+    run_page("friction.md")
+    angle = solve_ivp(sliding, (0.0, 3.0), [np.pi / 2, 0.0], "LSODA", rtol=1e-9, atol=1e-11).y[0, -1]
+    for shown in re.findall(r"\[(.*?)\]", capsys.readouterr().out)[-2:]:
+        np.testing.assert_allclose([float(x) for x in shown.split()], [np.sin(angle), -np.cos(angle)], atol=2e-4)
+
+
+def test_the_ball_of_the_page_bounces_when_free_fall_says(capsys):
+    found, fall = run_page("events.md")["solution"], np.sqrt(2 / 9.81)
+    np.testing.assert_allclose(found.t_events[0], [fall, 2 * fall, 2.5 * fall], atol=1e-6)
+    np.testing.assert_allclose(found.t_events[1], [1.5 * fall, 2.25 * fall, 2.625 * fall], atol=1e-6)
+
+
+def test_the_cart_and_the_slider_of_the_page_move_as_integrations_of_their_own_say(capsys):
+    scope = run_page("control.md")
+    gains, y = scope["GAINS"], np.array([0.0, 0.2, 0.0, 0.0])
+
+    def cart(t, y, pull):
+        (speed, rate), (s, c) = y[2:], (np.sin(y[1]), np.cos(y[1]))
+        matrix, force = [[1.2, 0.1 * c], [c, 0.5]], [pull + 0.1 * rate**2 * s, 9.81 * s]
+        return [speed, rate, *np.linalg.solve(matrix, force)]
+
+    for _ in range(300):
+        y = solve_ivp(cart, (0, 0.01), y, args=(-gains @ y,), rtol=1e-9, atol=1e-11).y[:, -1]
+    np.testing.assert_allclose(scope["solution"].q[-1, :2], [y[0], y[0] + 0.5 * np.sin(y[1])], atol=1e-4)
+
+    def slider(t, y):
+        x, v, z = y
+        rate = v - abs(v) * z * 1e5 / (1.0 + 0.5 * np.exp(-((v / 1e-3) ** 2)))
+        return [v, 2.0 * (0.1 * t - x) - 1e5 * z - 1e5**0.5 * rate - 0.4 * v, rate]
+
+    x, _, z = solve_ivp(slider, (0, 8), [0, 0, 0], "Radau", rtol=1e-8, atol=1e-12).y[:, -1]
+    np.testing.assert_allclose(scope["slid"].q[-1], [x, z], rtol=2e-3)
+
+
+def test_external_code_moves_as_the_pendulum_of_the_library_form(capsys):
+    run_page("external_code.md")
+    angle = solve_ivp(lambda t, y: [y[1], -9.81 * np.cos(y[0])], (0, 1), [0, 0], rtol=1e-10, atol=1e-12).y[0, -1]
+    for shown in re.findall(r"\[(.*?)\]", capsys.readouterr().out):
+        np.testing.assert_allclose([float(x) for x in shown.split()], [np.cos(angle), np.sin(angle)], atol=1e-5)
+
+
+def test_pendulums_of_the_sweep_swing_down_to_their_lengths(capsys):
+    heights = run_page("sweeps.md")["heights"]
+    assert len(heights) == 11
+    for length, lowest in heights.items():
+        np.testing.assert_allclose(lowest, -length, rtol=1e-3)
+
+
+def test_a_restart_goes_on_bit_by_bit(capsys):
+    run_page("restart.md")
+    assert capsys.readouterr().out.startswith("True")
+
+
+def test_the_pages_on_the_integrator_and_on_notebooks_run(capsys):
+    assert run_page("integrator.md")["solution"].success
+    run_page("jupyter.md")
+    assert "lam[0]" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("script", sorted(file.name for file in (DOCS / "gallery").glob("plot_*.py")))

@@ -1,4 +1,4 @@
-"""README's table "When it fails" has every status and a row for each of its causes, and each of them can be provoked."""
+"""The table of docs/statuses.md has every status and a row for each of its causes, and each of them can be provoked."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from hhtbench.conformance.scenes.linkages import DoublePendulum
 from tests.hht.test_leaps import HEIGHT, Loaded
 from tests.hht.test_singular_positions import BARS, FLAT, stop_runs
 
-README = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parent.parent / "docs/statuses.md").read_text(encoding="utf-8")
 ASKED = {"rtol": None, "atol": None, "step": None, "steps": 10, "outputs": 3, "max_seconds": 10.0, "counting": False}
 CRASHES = """\
 import os
@@ -40,8 +40,7 @@ solver = Aborts()
 
 def rows() -> list[tuple[str, str]]:
     """The status, empty where it is that of the row above, and what happened, of the table's rows."""
-    section = README.split("## When it fails")[1].split("\n## ")[0]
-    return re.findall(r"^\| (?:`(\w+)` )?\| (.*?) \|", section.split("|---|")[-1], re.MULTILINE)
+    return re.findall(r"^\| (?:`(\w+)` )?\| (.*?) \|", PAGE.split("|---|")[-1], re.MULTILINE)
 
 
 def weight(**functions: Any) -> hb.NumpySystem:
