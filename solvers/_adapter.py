@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhtbench.lowering import Structure, derive
-from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.system import PHYSICS, Problem, System, declared, reaction_takes_velocity
 from hhtbench.solution.counting import timed
 from hhtbench.solution.request import Request
@@ -37,8 +37,7 @@ def choose(solver: str, options: Mapping[str, Any], known: Mapping[str, tuple[st
     """
     unknown = sorted(set(options) - set(known))
     if unknown:
-        close = get_close_matches(unknown[0], known, n=1)
-        hint = f" Did you mean {close[0]}?" if close else ""
+        hint = did_you_mean(unknown[0], known)
         raise TypeError(f"{solver} does not know {', '.join(unknown)}; known: {', '.join(known)}.{hint}")
     for name, value in options.items():
         if value not in known[name]:

@@ -12,6 +12,7 @@ import numpy as np
 from hhtbench.lowering import Dynamics, padded
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import DenseOutput
 from solvers.forms.form import Form
 
@@ -152,7 +153,7 @@ class Pieces:
         times, ends = np.ravel(np.asarray(t, dtype=np.float64)), self.t
         low, high = min(ends[0], ends[-1]), max(ends[0], ends[-1])
         if not np.all((times >= low) & (times <= high)):
-            raise ProblemError(f"the solution covers [{low:.17g}, {high:.17g}] s; it is not extrapolated.")
+            raise ProblemError(f"the solution covers [{exact(low)}, {exact(high)}] s; it is not extrapolated.")
         sign = -1.0 if ends[-1] < ends[0] else 1.0
         index = np.searchsorted(sign * ends, sign * times, side="left")
         y = np.array([self._at(float(time), int(i)) for time, i in zip(times, index, strict=True)])

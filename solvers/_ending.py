@@ -11,6 +11,7 @@ from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundan
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Counters, Solution, Status
 from solvers._finite import explain_nonfinite
 from solvers._start import Failure, Solving, of_dynamics, points_of
@@ -115,7 +116,7 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
     if found.instead is None and np.count_nonzero(done) < done.size:  # in a fifth of the time of all()
         undetermined = times[~done]
         first = f"The acceleration level determines no multipliers at {undetermined.size} times, first at "
-        note = f"{first}t = {undetermined[0]:.17g}; {own.some}. {note}".strip()
+        note = f"{first}t = {exact(undetermined[0])}; {own.some}. {note}".strip()
     return found._replace(note=note)
 
 
@@ -211,7 +212,7 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) 
             return Recovered(lam, mu, f"{ended}; the multipliers of these are zero in the rest.", Status.deadline)
         off = _off_level(at, sizes)
         if lost := _lost(off, redundant, m, data):
-            note = f"At t = {t:.17g} {lost}, left out as redundant at the start: {ADVICE}"
+            note = f"At t = {exact(t)} {lost}, left out as redundant at the start: {ADVICE}"
             return Recovered(lam[:done], mu[:done], note, Status.redundant_constraints)
         worst = max(worst, float(off[list(redundant)].max()))
         data = min(data, DATA * worst)  # of the first place: later ones are off by more

@@ -19,6 +19,7 @@ from hhtbench.lowering.dynamics.kkt import solve_scaled_sparse
 from hhtbench.lowering.dynamics.products import large
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.printing import exact
 from solvers._finite import expect_finite
 from solvers._start import finite_levels, of_dynamics
 
@@ -93,7 +94,7 @@ class Unmet:
         if self.times:
             text = (
                 f"At {len(self.times)} rows no state near the interpolated one meets the constraints, first at "
-                f"t = {self.times[0]:.17g}: they are violated by up to {self.worst:.2g} of their size."
+                f"t = {exact(self.times[0])}: they are violated by up to {self.worst:.2g} of their size."
             )
         if self.late:
             text += f" The time budget ended before {self.late} rows were put onto the constraints."

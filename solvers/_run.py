@@ -11,6 +11,7 @@ import numpy as np
 from hhtbench.lowering import AccelerationLevel
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request, check_output_times
@@ -164,7 +165,9 @@ class Run:
             return False
         most = self.request.max_num_steps
         if most is not None and self.steps >= most:
-            raise Halt(Status.max_steps, f"{most} steps were taken and t = {self.now:.17g} reached; {Status.max_steps.text}")
+            raise Halt(
+                Status.max_steps, f"{most} steps were taken and t = {exact(self.now)} reached; {Status.max_steps.text}"
+            )
         self.work.check_time()
         return True
 
@@ -194,9 +197,9 @@ class Run:
     def _expect_good(self, t: float, y: Vector) -> None:
         """Raise :class:`Halt` where steps that ended at (t, y) cannot be what they were reported to be."""
         if not self.direction * self.t < self.direction * t:
-            raise Halt(Status.step_too_small, f"A step did not advance t = {self.now:.17g}. {Status.step_too_small.text}")
+            raise Halt(Status.step_too_small, f"A step did not advance t = {exact(self.now)}. {Status.step_too_small.text}")
         if not all_finite(y):
-            text = f"the step to t = {self.time(t):.17g} was reported as good but its state is not finite"
+            text = f"the step to t = {exact(self.time(t))} was reported as good but its state is not finite"
             raise Halt(Status.unreliable, text)
 
     def _arrive(self, steps: int, t: float, y: Vector) -> None:
@@ -252,7 +255,7 @@ class Run:
         elif error is self.guard.cause:
             raise error
         else:
-            message = f"the library raised {type(error).__name__} after t = {self.now:.17g}: {error}"
+            message = f"the library raised {type(error).__name__} after t = {exact(self.now)}: {error}"
             end = Failure(Status.unreliable, message)
         suspect = self.guard.suspect
         return end if suspect is None or end.status is Status.max_steps else self._explained(end, suspect)
@@ -262,7 +265,9 @@ class Run:
         if end.status is not Status.success:
             return end
         if self.t != self.t1:
-            text = f"end: It stopped at t = {self.now:.17g} and not at {self.time(self.t1):.17g}. {Status.unreliable.text}"
+            text = (
+                f"end: It stopped at t = {exact(self.now)} and not at {exact(self.time(self.t1))}. {Status.unreliable.text}"
+            )
             return Failure(Status.unreliable, text)
         coarse = unresolved(self.problem.t_span, self.steps, self.rtol, self.t - self.t0)
         return Failure(Status.time_resolution, coarse) if coarse else end

@@ -28,6 +28,7 @@ from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.lowering.dynamics.regular import with_full_matrices
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import DERIVATIVES, NumpySystem, Problem, System, declared
 from hhtbench.solution.counting import Work, uncounted
 from hhtbench.solution.request import Request
@@ -270,4 +271,4 @@ def points_of(dynamics: Dynamics) -> int:
 def budget_failure(spent: BudgetSpent, t: float) -> Failure:
     """The status of a spent budget, with the time it has lasted for."""
     status = Status.deadline if spent.budget == "seconds" else Status.evaluation_budget
-    return Failure(status, f"{spent} at t = {t:.17g}; {status.text}")
+    return Failure(status, f"{spent} at t = {exact(t)}; {status.text}")

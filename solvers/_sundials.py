@@ -21,6 +21,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers import forms
 from solvers._dense import NODES, Polynomial
@@ -76,7 +77,7 @@ def step_sundials(run: Run, solver: Any) -> None:
             if step.status < 0:
                 status = SUNDIALS_ENDS.get(int(step.status), Status.unreliable)
                 text = _roundoff(run) if step.status == TOO_ACCURATE else status.text
-                where = f"t = {run.now:.17g} was reached; the library's times count from {run.time(run.t0):.17g}."
+                where = f"t = {exact(run.now)} was reached; the library's times count from {exact(run.time(run.t0))}."
                 raise Halt(status, f"{step.message} {' '.join(said)} {text} {where}")
             dense = partial(_sampled, solver, run.t, step)
             run.accept(step.t, step.y, partial(_state, solver, step), partial(_rate, solver, step), dense=dense)

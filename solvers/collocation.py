@@ -20,6 +20,7 @@ from scipy import linalg, special
 
 from hhtbench.protocol.arguments import Matrix, Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._adapter import Adapter, choose
 from solvers._dense import Polynomial, barycentric
@@ -63,7 +64,7 @@ class CollocationSolver(Adapter):
             end = _end_of_step(run, length)
             h = end - run.t
             if h == 0:
-                raise Halt(Status.step_too_small, f"{Status.step_too_small.text} t = {run.now:.17g} was reached.")
+                raise Halt(Status.step_too_small, f"{Status.step_too_small.text} t = {exact(run.now)} was reached.")
             z = method.step(run.t, run.y, h)
             factor = self._growth(z, method, weights + run.rtol * np.abs(run.y), run.rtol)
             if z is None or factor < SAFETY:

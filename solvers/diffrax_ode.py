@@ -20,6 +20,7 @@ import numpy as np
 from hhtbench.lowering import compile_function
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol.errors import BudgetSpent
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import NumpySystem, Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Status
@@ -107,7 +108,7 @@ class DiffraxSolver(Adapter):
             if not accepted:
                 _look_ahead(run, run.direction * lost)
                 status = Status.step_too_small
-                raise Halt(status, f"diffrax accepts no step from t = {run.now:.17g}. {status.text}")
+                raise Halt(status, f"diffrax accepts no step from t = {exact(run.now)}. {status.text}")
 
 
 class _Called:

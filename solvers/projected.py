@@ -15,6 +15,7 @@ import numpy as np
 
 from hhtbench.lowering import NotNative
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._adapter import choose
 from solvers._projection import PROJECTED, Projection
@@ -74,7 +75,7 @@ class Onto:
         q, v = self._projection.nearest(t, *self.run.form.state(y))
         sizes = np.maximum(scales.q, np.abs(q))  # constraints carry the roundoff of what they are made of
         if not np.max(self._projection.levels.at(t, q, v).scaled_position(sizes), initial=0.0) <= PROJECTED:
-            raise Halt(Status.newton_failed, f"the projection does not converge at t = {t:.17g}")
+            raise Halt(Status.newton_failed, f"the projection does not converge at t = {exact(t)}")
         return np.concatenate([q, v])
 
 
@@ -92,7 +93,7 @@ def _projected_step(run: Run, solver: Any, projection: Onto) -> Vector:
         solver.h_abs, rejected = SHRINK * h, True
         if solver.h_abs < SPACINGS * np.spacing(abs(solver.t)):
             status = Status.step_too_small
-            raise Halt(status, f"{solver.TOO_SMALL_STEP} {status.text} t = {run.now:.17g} was reached.")
+            raise Halt(status, f"{solver.TOO_SMALL_STEP} {status.text} t = {exact(run.now)} was reached.")
 
 
 def _moved_far(solver: Any, y: Vector, h: float) -> bool:

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 from scipy import integrate
 
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._adapter import Adapter, choose
 from solvers._run import Halt, Run
@@ -63,7 +64,7 @@ def _step(run: Run, solver: Any) -> None:
     message = solver.step()
     if solver.status == "failed":
         status = Status.step_too_small
-        raise Halt(status, f"{message} {status.text} t = {run.now:.17g} was reached.")
+        raise Halt(status, f"{message} {status.text} t = {exact(run.now)} was reached.")
 
 
 def solver(**options: Any) -> SciPySolver:

@@ -25,6 +25,7 @@ from hhtbench.catalogue.registry import load_problem
 from hhtbench.catalogue.specs import canonical
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import Printed
 from hhtbench.protocol.system import NumpySystem, Problem
 
 TIGHTEST = HELD[1]  # bound of the drift that a database knows
@@ -32,7 +33,7 @@ ERRORS = f"{max(ACCURACIES):g} to {min(ACCURACIES):g}"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Advice:
+class Advice(Printed):
     """What :func:`select` says."""
 
     problem: str
@@ -49,6 +50,9 @@ class Advice:
     def as_dict(self) -> dict[str, Any]:
         """Plain values, for JSON."""
         return asdict(self)
+
+    def __repr__(self) -> str:
+        return f"<Advice on {self.problem}: {self.text}>"
 
     def __str__(self) -> str:
         lines = [("evidence", self.evidence), ("domain", self.domain), ("reason", self.reason)]

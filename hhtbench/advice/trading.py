@@ -31,6 +31,7 @@ from hhtbench.catalogue.registry import holding, load_problem, load_solver
 from hhtbench.catalogue.specs import canonical
 from hhtbench.protocol.arguments import positive_integer, real_number
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import Printed
 from hhtbench.protocol.system import Problem
 from hhtbench.report.words import work
 from hhtbench.solution.request import Request
@@ -42,7 +43,7 @@ LAST_SHARE = 0.85  # of the seconds, after which no candidate begins: the rest i
 
 
 @dataclass(frozen=True, kw_only=True)
-class Trade:
+class Trade(Printed):
     """What :func:`trade` found."""
 
     problem: str  #: canonical spec
@@ -84,6 +85,9 @@ class Trade:
         choices = [choice.as_dict() for choice in self.choices]
         return {**{name: getattr(self, name) for name in names}, **asdict(self.criteria), "choices": choices}
 
+    def __repr__(self) -> str:
+        return f"<Trade on {self.problem}: {self.sentence}>"
+
     def __str__(self) -> str:
         return f"{self._table()}\n\n{self.sentence}"
 
@@ -97,9 +101,9 @@ class Trade:
         why |= {entry: text for entry, text in self._said().items() if entry not in costs}
         targets = [front.target for front in self.fronts]
         body = [[entry, *(costs.get(entry, {}).get(x, "") for x in targets), text] for entry, text in why.items()]
-        heads = ["", *(f"{target:g}" for target in targets), "given up"]
+        heads = ["", *(f"{target:g}" for target in targets), "dropped or not reached"]
         title = f"{self.problem}: {self.criteria.on} to an error; errors against {self.reference}; {self.seconds:.0f} s\n\n"
-        return title + tabulate(body, headers=heads, disable_numparse=True, maxcolwidths=[None] * (len(heads) - 1) + [60])
+        return title + tabulate(body, headers=heads, disable_numparse=True, maxcolwidths=[None] * (len(heads) - 1) + [40])
 
 
 def trade(

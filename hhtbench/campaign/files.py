@@ -6,7 +6,6 @@ import re
 import tomllib
 from collections.abc import Iterator
 from dataclasses import fields
-from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import msgspec
 
 from hhtbench.campaign.plan import Campaign, Grid
-from hhtbench.protocol.errors import NotFoundError, ProblemError
+from hhtbench.protocol.errors import NotFoundError, ProblemError, did_you_mean
 
 GRID = "grid"  # the tables [[grid]] of a file
 WORDS = {"`array`": "a list", "`str`": "text", "`int`": "a whole number", "`float`": "a number", "`bool`": "true or false"}
@@ -51,8 +50,7 @@ def read_campaign(text: str, file: str = "campaign") -> Campaign:
     try:
         table = tomllib.loads(text)
         for place, key, known in _unknown(table):
-            close = get_close_matches(key, known, n=1)
-            hint = f" Did you mean {close[0]}?" if close else ""
+            hint = did_you_mean(key, known)
             line = _line(text, place)
             raise ProblemError(f"{file}, line {line}: unknown key {place}.{hint} Known: {', '.join(known)}.")
         others = {key: value for key, value in table.items() if key != GRID}

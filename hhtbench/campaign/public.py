@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,14 +21,19 @@ from hhtbench.campaign.plan import Campaign
 from hhtbench.campaign.store import RunRow, Store
 from hhtbench.catalogue.registry import holding
 from hhtbench.protocol.arguments import positive_integer
+from hhtbench.protocol.printing import Printed
 from hhtbench.protocol.system import Problem
 
 
 @dataclass(frozen=True)
-class Runs:
+class Runs(Printed):
     """What a campaign came to; ``hhtbench.campaign.analysis`` has functions from ``rows`` to tables, fronts and curves."""
 
     rows: tuple[RunRow, ...]  #: one a solve, in the order of the campaign
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{count} {status}" for status, count in Counter(row.status for row in self.rows).most_common())
+        return f"<Runs: {len(self.rows)} rows{': ' if counts else ''}{counts}>"
 
     def table(self) -> list[dict[str, Any]]:
         """The numbers that every table of the report starts from, one dict a row; None where nothing is known.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import ast
 import importlib
 import sys
-from difflib import get_close_matches
 from functools import reduce
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -13,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from hhtbench.catalogue.packages import locations, make_findable, own_folder, owner
-from hhtbench.protocol.errors import NotFoundError, ProblemError
+from hhtbench.protocol.errors import NotFoundError, ProblemError, did_you_mean
 
 GROUPS = {
     "problem": "hhtbench.problems",
@@ -21,6 +20,15 @@ GROUPS = {
     "verification": "hhtbench.verifications",
     "reference": "hhtbench.references",
     "name": "hhtbench.names",
+}
+
+METHODS = {  # what people type for a solver that has it as a method
+    "dop853": "projected(method=DOP853) or scipy(method=DOP853)",
+    **dict.fromkeys(("rk45", "rk23", "rk4"), "projected(method=RK45)"),
+    **{name.lower(): f"scipy(method={name})" for name in ("Radau", "BDF", "LSODA")},
+    **{name.lower(): f"diffrax(method={name})" for name in ("Tsit5", "Dopri8", "Kvaerno5")},
+    "adams": "cvode(method=adams)",
+    "sundials": "ida or cvode",
 }
 
 _loaded: dict[tuple[str, str], tuple[Any, str, ModuleType, Any]] = {}  # reading all distributions takes two milliseconds
@@ -111,9 +119,8 @@ def _unknown(kind: str, name: str) -> str:
     text = f"there is no {kind} named {name!r}."
     if not known:
         return f"{text} None is registered: is the distribution installed (pip install -e .)?"
-    close = get_close_matches(name, known, n=1)
-    if close:
-        text += f" Did you mean {close[0]}?"
+    method = METHODS.get(name.lower()) if kind == "solver" else None
+    text += f" Did you mean {method}?" if method else did_you_mean(name, known)
     return f"{text} `hhtbench list` shows all; a file is named as FILE.py:{name}."
 
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
-from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -19,7 +18,7 @@ import numpy as np
 from hhtbench.catalogue import plugins
 from hhtbench.catalogue.packages import own_folder
 from hhtbench.catalogue.specs import Spec, parse_spec
-from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.system import Problem, Solver, System
 
 if TYPE_CHECKING:
@@ -204,8 +203,7 @@ def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[
     except TypeError as error:
         shown = ", ".join(str(p.replace(annotation=p.empty)) for p in known)
         wrong = [key for key in arguments if key not in {p.name for p in known}]
-        close = get_close_matches(wrong[0], [p.name for p in known], n=1) if wrong else []
-        hint = f" Did you mean {close[0]}?" if close else ""
+        hint = did_you_mean(wrong[0], [p.name for p in known]) if wrong else ""
         raise ProblemError(f"{name}: {error}.{hint} Known parameters: {shown or 'none'}.") from error
 
 

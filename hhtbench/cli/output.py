@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -78,7 +80,13 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]],
 
 def judged(evidence: Evidence) -> Found:
     """A table of claims and its summary line; failed where a claim fails."""
-    return Found(f"{evidence.table()}\n\n{evidence.summary}", evidence.as_dict(), not evidence.passed)
+    table = evidence.table(width=terminal_width())
+    return Found(f"{table}\n\n{evidence.summary}", evidence.as_dict(), not evidence.passed)
+
+
+def terminal_width() -> int | None:
+    """Characters that fit into a line of the terminal; None where the output goes into a file or a pipe."""
+    return shutil.get_terminal_size().columns if sys.stdout.isatty() or os.environ.get("COLUMNS") else None
 
 
 def write_json(value: Any, file: Path | None) -> None:

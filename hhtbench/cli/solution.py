@@ -9,6 +9,7 @@ from tabulate import tabulate
 
 from hhtbench.campaign.accuracy import COMPONENTS, compare
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution
 
@@ -20,7 +21,7 @@ def end_state(solution: Solution) -> str:
     if not np.size(solution.t):
         return ""
     rows = [(name, _shown(getattr(solution, name)[-1])) for name in COMPONENTS if getattr(solution, name).shape[1]]
-    return f"at t = {solution.t[-1]:.17g} s\n" + tabulate(rows, tablefmt="plain", disable_numparse=True)
+    return f"at t = {exact(solution.t[-1])} s\n" + tabulate(rows, tablefmt="plain", disable_numparse=True)
 
 
 def errors_at_end(problem: Problem, solution: Solution) -> str:

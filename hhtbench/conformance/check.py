@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from functools import partial
 from unittest import SkipTest
 
@@ -17,6 +16,7 @@ from hhtbench.conformance.entry import Entry, Finding, Kind, Outcome, as_known, 
 from hhtbench.conformance.pairwise import FACTOR, assert_solvers_agree
 from hhtbench.conformance.registry import CLAIMS, FAMILIES, checks_of
 from hhtbench.conformance.subject import ACCURACY, ITERATIONS, Claims, Subject, expect
+from hhtbench.protocol.errors import did_you_mean
 from hhtbench.protocol.evidence import Row
 from hhtbench.protocol.system import Problem, Solver
 
@@ -168,8 +168,7 @@ def _with_expected(checks: Iterable[Check], expected_failed: Mapping[str, str] |
     made = {check.name: check for check in checks}
     for name, reason in (expected_failed or {}).items():
         if name not in made:
-            close = get_close_matches(name, made, n=1)
-            hint = f" Did you mean {close[0]}?" if close else ""
+            hint = did_you_mean(name, made)
             raise ValueError(f"expected_failed: there is no check {name!r}.{hint}")
         if not isinstance(reason, str) or not reason.strip():
             raise ValueError(f"expected_failed: {name} needs a reason, a sentence; got {reason!r}.")

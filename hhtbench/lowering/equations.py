@@ -20,6 +20,7 @@ from hhtbench.lowering import (
 from hhtbench.lowering.dynamics.kkt import Acceleration
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError, Stop
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock, Work
 from hhtbench.solution.request import Request
@@ -227,7 +228,7 @@ class Equations:
             place = int(np.flatnonzero(~np.isfinite(found.vdot))[0])
             raise NonFiniteValue("the acceleration", (place,), float(found.vdot[place]), t)
         if not found.converged:
-            raise Undetermined(f"the KKT matrix [[M, C^T], [C, 0]] determines no accelerations at t = {t:.17g}")
+            raise Undetermined(f"the KKT matrix [[M, C^T], [C, 0]] determines no accelerations at t = {exact(t)}")
         if not self._dynamics.structure.linear_reaction:
             self._guess = found.lam, found.mu
         return found
@@ -265,7 +266,7 @@ class Hermite:
         """``q, v`` (n,) at one time, (k, n) at k times.  Times outside the steps are refused."""
         low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
         if not np.all((np.asarray(t) >= low) & (np.asarray(t) <= high)):
-            raise ProblemError(f"the solution covers [{low:.17g}, {high:.17g}] s; it is not extrapolated.")
+            raise ProblemError(f"the solution covers [{exact(low)}, {exact(high)}] s; it is not extrapolated.")
         return DenseOutput(self.of_q(t), self.of_v(t))
 
 

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
+from hhtbench.mechanics.shapes import expect_pairs, expect_rows
+
 
 class Placement(NamedTuple):
     """Where bodies are: centres ``x`` (k + 1, 2) [m] and ``angle`` (k + 1,) [rad]; the last one is the ground."""
@@ -34,27 +36,36 @@ def turned(angle: Any, vector: Any) -> Array:
     return jnp.stack([c * x - s * y, s * x + c * y], axis=-1)
 
 
-def points_on(at: Placement, body: Any, local: Any) -> Array:
-    """Points (j, 2) [m] in the plane; ``local`` (j, 2) in the frames of the bodies numbered ``body`` (j,)."""
+def points_on(at: Placement, body: Any, local: Any, name: str = "local") -> Array:
+    """Points (j, 2) [m] in the plane; ``local`` (j, 2) in the frames of the bodies numbered ``body`` (j,).
+
+    Raises
+    ------
+    ValueError
+        ``local``, which the text calls ``name``, has another shape.
+    """
     body = jnp.asarray(body)
-    return at.x[body] + turned(at.angle[body], local)
+    return at.x[body] + turned(at.angle[body], expect_rows(name, local, body, 2))
 
 
 def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
     """Points ``a`` (j, 2) of bodies ``first`` less points ``b`` of bodies ``second``, (2 j,) [m]: pins."""
-    return (points_on(at, first, a) - points_on(at, second, b)).ravel()
+    first, second = expect_pairs(first, second)
+    return (points_on(at, first, a, "a") - points_on(at, second, b, "b")).ravel()
 
 
 def slot_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, along: Any) -> Array:
     """Pins at ``a`` of ``first`` in slots of ``second`` through ``b`` in the unit directions ``along`` (j, 2), (j,) [m]."""
-    apart = points_on(at, first, a) - points_on(at, second, b)
-    direction = turned(at.angle[jnp.asarray(second)], along)
+    first, second = expect_pairs(first, second)
+    apart = points_on(at, first, a, "a") - points_on(at, second, b, "b")
+    direction = turned(at.angle[second], expect_rows("along", along, second, 2))
     return direction[:, 0] * apart[:, 1] - direction[:, 1] * apart[:, 0]
 
 
 def angle_rows(at: Placement, first: Any, second: Any, angle: Any = 0.0) -> Array:
     """Angles of ``first`` less those of ``second`` less ``angle`` (j,), (j,) [rad]."""
-    return at.angle[jnp.asarray(first)] - at.angle[jnp.asarray(second)] - jnp.asarray(angle)
+    first, second = expect_pairs(first, second)
+    return at.angle[first] - at.angle[second] - jnp.asarray(angle)
 
 
 def prismatic_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, along: Any, angle: Any = 0.0) -> Array:
@@ -67,7 +78,8 @@ def velocity_at(v: Array, body: Any, offset: Any) -> Array:
 
     A body rolls where this is zero at its point of contact: a velocity constraint.
     """
-    bodies, offset = v.reshape(-1, 3)[jnp.asarray(body)], jnp.asarray(offset)
+    body = jnp.asarray(body)
+    bodies, offset = v.reshape(-1, 3)[body], expect_rows("offset", offset, body, 2)
     rate = bodies[..., 2:]
     return bodies[..., :2] + rate * jnp.stack([-offset[..., 1], offset[..., 0]], axis=-1)
 

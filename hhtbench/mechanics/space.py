@@ -27,6 +27,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from hhtbench.mechanics.shapes import expect_pairs, expect_rows
+
 
 def rate_tensor(side: float) -> Any:
     """(3, 4, 4): ``[-e, e0 I + side e x]`` as ``tensor @ p``; side -1 gives G, +1 gives E."""
@@ -138,22 +140,29 @@ def placed_with_ground(q: Array) -> Placement:
     return Placement(jnp.concatenate([x, jnp.zeros((1, 3))]), jnp.concatenate([rotation(p), jnp.eye(3)[None]]))
 
 
-def points_on(at: Placement, body: Any, local: Any) -> Array:
-    """Points (j, 3) [m]; ``local`` (j, 3) in the frames of the bodies numbered ``body`` (j,)."""
+def points_on(at: Placement, body: Any, local: Any, name: str = "local") -> Array:
+    """Points (j, 3) [m]; ``local`` (j, 3) in the frames of the bodies numbered ``body`` (j,).
+
+    Raises
+    ------
+    ValueError
+        ``local``, which the text calls ``name``, has another shape.
+    """
     body = jnp.asarray(body)
-    return at.x[body] + jnp.einsum("jab,jb->ja", at.R[body], jnp.asarray(local))
+    return at.x[body] + jnp.einsum("jab,jb->ja", at.R[body], expect_rows(name, local, body, 3))
 
 
 def spherical_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
     """Points ``a`` of bodies ``first`` less points ``b`` of bodies ``second``, (3 j,) [m]."""
-    return (points_on(at, first, a) - points_on(at, second, b)).ravel()
+    first, second = expect_pairs(first, second)
+    return (points_on(at, first, a, "a") - points_on(at, second, b, "b")).ravel()
 
 
 def perpendicular_rows(at: Placement, first: Any, second: Any, across: Any, axis: Any) -> Array:
     """Two directions ``across`` (j, 2, 3) of ``first`` times ``axis`` (j, 3) of ``second``, (2 j,)."""
-    first, second = jnp.asarray(first), jnp.asarray(second)
-    turned = jnp.einsum("jcb,jab->jca", jnp.asarray(across), at.R[first])
-    return jnp.einsum("jca,jab,jb->jc", turned, at.R[second], jnp.asarray(axis)).ravel()
+    first, second = expect_pairs(first, second)
+    turned = jnp.einsum("jcb,jab->jca", expect_rows("across", across, first, 2, 3), at.R[first])
+    return jnp.einsum("jca,jab,jb->jc", turned, at.R[second], expect_rows("axis", axis, second, 3)).ravel()
 
 
 def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, across: Any, axis: Any) -> Array:
@@ -169,4 +178,4 @@ def velocity_at(q: Array, v: Array, body: Any, offset: Any) -> Array:
     A body rolls where this is zero at its point of contact: a velocity constraint.
     """
     (_, p), (xdot, pdot), body = split(q), split(v), jnp.asarray(body)
-    return xdot[body] + jnp.cross(space_rate(p[body], pdot[body]), jnp.asarray(offset))
+    return xdot[body] + jnp.cross(space_rate(p[body], pdot[body]), expect_rows("offset", offset, body, 3))

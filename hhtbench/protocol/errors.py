@@ -7,6 +7,11 @@ never exceptions for the caller: they end in a :class:`~hhtbench.Status`.  The s
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+from hhtbench.protocol.printing import exact
+
 
 class ProblemError(ValueError):
     """Wrong input; the text says what was expected, what came and what to do."""
@@ -29,7 +34,7 @@ class NonFiniteValue(Stop):
         self.value = value
         self.t = t
         place = f"{function}{list(component)}" if component else function
-        super().__init__(f"{place} = {value} at t = {t:.17g}{note}")
+        super().__init__(f"{place} = {value} at t = {exact(t)}{note}")
 
 
 class BudgetSpent(Stop):
@@ -39,3 +44,9 @@ class BudgetSpent(Stop):
         self.budget = budget  #: "evaluations" or "seconds"
         self.limit = limit
         super().__init__(f"the budget of {limit:g} {budget} is used up{note}")
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """The hint " Did you mean ...?" with the closest of ``known``; empty where none is close."""
+    close = get_close_matches(name, list(known), n=1)
+    return f" Did you mean {close[0]}?" if close else ""

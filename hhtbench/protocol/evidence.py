@@ -11,6 +11,7 @@ import math
 import platform
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from html import escape
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ import numpy as np
 from tabulate import tabulate
 
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import Printed
 
 SCHEMA = "hhtbench.evidence/1"
 LIBRARIES = ("hhtbench", "numpy", "scipy", "jax", "jaxlib", "equinox")
@@ -65,8 +67,8 @@ class Plot:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Evidence:
-    """Rows and plots of one check or verification."""
+class Evidence(Printed):
+    """Rows and plots of one check or verification; printed as a table with a closing line."""
 
     title: str
     rows: tuple[Row, ...]
@@ -88,11 +90,22 @@ class Evidence:
         line = f"{self.title}: {len(judged) - len(failed)} of {len(judged)} claims hold"
         return f"{line}; failed: {', '.join(failed)}" if failed else line
 
-    def table(self, style: str = "simple") -> str:
-        """The rows as a text table (``style`` as in tabulate: simple, github, html)."""
+    def __repr__(self) -> str:
+        return f"<Evidence: {self.summary}>"
+
+    def __str__(self) -> str:
+        return f"{self.table()}\n\n{self.summary}"
+
+    def _repr_html_(self) -> str:
+        return f"{self.table('html')}<p>{escape(self.summary)}</p>"
+
+    def table(self, style: str = "simple", width: int | None = None) -> str:
+        """The rows as a text table: ``style`` as in tabulate (simple, github, html), lines fit ``width``."""
         verdict = {True: "ok", False: "FAIL", None: ""}
-        body = [[r.id, r.claim, _number(r.measured), r.bound, verdict[r.passed]] for r in self.rows]
-        return tabulate(body, headers=["id", "claim", "measured", "bound", ""], tablefmt=style, disable_numparse=True)
+        body = [[r.id, verdict[r.passed], r.claim, _number(r.measured), r.bound] for r in self.rows]
+        widths = None if width is None else _widths(body, width)
+        headers = ["id", "", "claim", "measured", "bound"]
+        return tabulate(body, headers=headers, tablefmt=style, disable_numparse=True, maxcolwidths=widths)
 
     def as_dict(self) -> dict[str, Any]:
         """The JSON contract as plain Python values; a number that is not finite is written as text."""
@@ -147,6 +160,17 @@ def plain(value: Any) -> Any:
     if isinstance(value, (np.ndarray, np.generic)):
         return plain(value.tolist())
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _widths(body: list[list[str]], width: int) -> list[int]:
+    """Widths of columns, two spaces apart: the first two keep theirs, the others share what is left by what they need."""
+    needed = [max(len(row[i]) for row in body) for i in range(5)] if body else [1] * 5
+    kept, others = [max(n, 4) for n in needed[:2]], needed[2:]
+    left = max(width - sum(kept) - 8, 30)
+    shares = [max(11, left * n // max(sum(others), 1)) for n in others]
+    while sum(shares) > left:
+        shares[shares.index(max(shares))] -= 1
+    return [*kept, *(min(share, max(n, 8)) for share, n in zip(shares, others, strict=True))]
 
 
 def _number(value: str | float) -> str:

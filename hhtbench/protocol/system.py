@@ -49,6 +49,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import Vector, check_interval, real_array, real_number, real_vector
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import Printed, exact
 
 if TYPE_CHECKING:
     from hhtbench.solution.request import Request
@@ -302,6 +303,9 @@ class Scales:
     mu: Any = 1.0
 
 
+UNSCALED = Scales()  #: of problems that declare none
+
+
 @dataclass(frozen=True, kw_only=True)
 class MinimalCoordinates:
     """The same motion by as many coordinates ``s`` (d,) as it has freedoms: no constraints, an ODE."""
@@ -316,7 +320,7 @@ Observable = Callable[[float, Vector, Vector, Vector], Any]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Problem:
+class Problem(Printed):
     """A System with a consistent start, an interval and what to measure."""
 
     name: str
@@ -326,7 +330,7 @@ class Problem:
     v0: Vector  #: (n,) velocities at the start
     lam_guess: Vector | None = None  #: (m,) starting guess of the multipliers; it picks the root where Q is nonlinear
     mu_guess: Vector | None = None  #: (p,) the same for the velocity constraints
-    scales: Scales = field(default_factory=Scales)
+    scales: Scales = UNSCALED
     observables: Mapping[str, Observable] = field(default_factory=dict)  #: name -> fn(t, q, v, lam)
     exact: Callable[[float], Motion] | None = None  #: closed solution
     reference: Mapping[str, Any] | None = None  #: t (k,), q, v (k, n), maybe lam (k, m), mu (k, p), digits
@@ -355,8 +359,11 @@ class Problem:
     @property
     def note_on_scales(self) -> str:
         """What is to be said beside its errors where they are scaled by nothing; "" where it declares scales of q or v."""
-        declared = any(np.ndim(size) or size != 1.0 for size in (self.scales.q, self.scales.v))
-        return "" if declared else "The problem declares no scales: errors are in its own units."
+        return "The problem declares no scales: errors are in its own units." if self.scales is UNSCALED else ""
+
+    def __repr__(self) -> str:
+        (t0, t1), tags = self.t_span, f", {', '.join(self.tags)}" if self.tags else ""
+        return f"<Problem {self.name}: {self.q0.size} coordinates, t = {exact(t0)} to {exact(t1)} s{tags}>"
 
     def starting(self, t_span: tuple[float, float] | None = None, q0: Any = None, v0: Any = None) -> Problem:
         """This problem over another interval or from another start, without what is known of its own motion.

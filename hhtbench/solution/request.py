@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector, check_interval, positive_integer, real_array, real_number, real_vector
-from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError, did_you_mean
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.filled import Filled
 from hhtbench.solution.result import Solution
 
@@ -68,7 +69,8 @@ class Request(Filled):
 def make_request(**keywords: Any) -> Request:
     """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
     if unknown := keywords.keys() - NAMES:
-        raise TypeError(f"unknown request option {', '.join(sorted(unknown))}; known: {', '.join(KNOWN)}.")
+        hint = did_you_mean(min(unknown), KNOWN)
+        raise TypeError(f"unknown request option {', '.join(sorted(unknown))}; known: {', '.join(KNOWN)}.{hint}")
     return Request(**keywords)
 
 
@@ -134,7 +136,9 @@ def plan_steps(request: Request, t0: float, t1: float) -> StepPlan:
     except OverflowError:
         total = math.inf
     if abs(total - abs(span)) > ADDS_UP * abs(span):
-        raise ProblemError(f"steps must add up to the interval's length {abs(span):.17g} s; they add up to {total:.17g} s.")
+        raise ProblemError(
+            f"steps must add up to the interval's length {exact(abs(span))} s; they add up to {exact(total)} s."
+        )
     lengths = np.copysign(request.steps, span)
     return StepPlan(t0=t0, t1=t1, count=len(lengths), lengths=lengths, ends=t0 + np.cumsum(lengths))
 
@@ -147,7 +151,7 @@ def check_output_times(t_eval: Vector, t0: float, t1: float) -> None:
     low, high = min(t0, t1), max(t0, t1)
     for t in (float(t_eval[0]), float(t_eval[-1])):
         if not low <= t <= high:
-            raise ProblemError(f"t_eval must lie within [{low:.17g}, {high:.17g}] s; got {t:.17g}.")
+            raise ProblemError(f"t_eval must lie within [{exact(low)}, {exact(high)}] s; got {exact(t)}.")
 
 
 def _tolerance(name: str, value: Any) -> Any:

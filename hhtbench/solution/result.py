@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.filled import Filled
 
 ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
@@ -327,4 +328,4 @@ _KEPT = [f.name for f in fields(Solution) if f.name not in NOT_KEPT]  # in a fil
 
 
 def _span(t: Vector) -> str:
-    return f"{t[0]:.17g} ... {t[-1]:.17g} ({np.size(t)} rows)" if np.size(t) else "no rows"
+    return f"{exact(t[0])} ... {exact(t[-1])} ({np.size(t)} rows)" if np.size(t) else "no rows"

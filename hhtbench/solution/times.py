@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 
 SPACINGS = 10.0  # of times: what every solution is off by, whose times are numbers
@@ -27,12 +28,12 @@ def unresolved(t_span: tuple[float, float], steps: int, rtol: float, elapsed: fl
     if span == 0.0:
         return ""
     if (steps - 1) * spacing > abs(span):
-        return f"{steps} steps over {abs(span):.17g} s from t = {t0:.17g} on are more than there are times. {text}"
+        return f"{steps} steps over {exact(abs(span))} s from t = {exact(t0)} on are more than there are times. {text}"
     off = (steps / 2 + END_SPACINGS) * spacing if elapsed is None else abs(elapsed - span)
     if off <= max(max(rtol, FINEST) * abs(span), SPACINGS * spacing):
         return ""
     verb = "may be" if elapsed is None else "are"
     return (
-        f"The lengths of the {steps} steps {verb} {off:.2g} s off the {abs(span):.17g} s from t = {t0:.17g} to {t1:.17g}, "
-        f"where times are {spacing:.2g} s apart. {text}"
+        f"The lengths of the {steps} steps {verb} {off:.2g} s off the {exact(abs(span))} s from t = {exact(t0)} to "
+        f"{exact(t1)}, where times are {spacing:.2g} s apart. {text}"
     )

@@ -12,6 +12,7 @@ from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._run import Halt, Run
 from solvers._start import typical_sizes
@@ -113,12 +114,12 @@ class CompiledSteps:
         if ended == mem.SPENT:
             raise BudgetSpent("evaluations", run.work.max_evaluations or 0)
         if ended == mem.DIVERGED:
-            raise Halt(Status.newton_failed, f"the projection does not converge after t = {run.now:.17g}")
+            raise Halt(Status.newton_failed, f"the projection does not converge after t = {exact(run.now)}")
         if ended in (mem.NONFINITE, mem.SINGULAR):
             place = view(self.z, mem.PLACE)
             run.guard.nonfinite = float(place[0]), place[1:].copy()
         status = Status.step_too_small
-        raise Halt(status, f"Required step size is less than spacing between numbers. {status.text} t = {run.now:.17g}.")
+        raise Halt(status, f"Required step size is less than spacing between numbers. {status.text} t = {exact(run.now)}.")
 
 
 def _places(dynamics: Dynamics) -> Places:

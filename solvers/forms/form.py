@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from hhtbench.lowering import Dynamics, Structure, route_of
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError, did_you_mean
 from solvers.forms.functions import dae_functions, ode_functions
 from solvers.forms.layout import RECIPES, SOURCES, Layout
 
@@ -176,8 +175,7 @@ def _make_form(name: str, dynamics: Dynamics) -> Form:
 def _check_name(name: str) -> None:
     if name in FORMS:
         return
-    close = get_close_matches(str(name), FORMS, n=1)
-    hint = f" Did you mean {close[0]}?" if close else ""
+    hint = did_you_mean(str(name), FORMS)
     raise ProblemError(f"there is no form {name!r}.{hint} Forms: {', '.join(FORMS)}.")
 
 

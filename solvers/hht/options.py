@@ -9,7 +9,7 @@ from typing import Any
 
 from hhtbench.lowering import REDUCTIONS
 from hhtbench.protocol.arguments import real_number
-from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError, did_you_mean
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
 from solvers.kernel.linear.analysis import KINDS
@@ -161,5 +161,6 @@ def make_options(kind: Any = HHTOptions, name: str = "hht", **given: Any) -> Any
     known = tuple(f.name for f in fields(kind))
     unknown = sorted(set(given) - set(known))
     if unknown:
-        raise TypeError(f"{name} does not know {', '.join(unknown)}; known: {', '.join(known)}.")
+        hint = did_you_mean(unknown[0], known)
+        raise TypeError(f"{name} does not know {', '.join(unknown)}; known: {', '.join(known)}.{hint}")
     return kind(**given)

@@ -263,9 +263,9 @@ class HHT:
         """
         setup = setup_of(self.system, self.options, self.events)
         integrator = unpack(data, setup)
-        if setup["fingerprint"] is None:
+        if why := named(self.system)[1]:
             text = "which has no fingerprint: that it is the checkpoint's system, with the same numbers, is not checked."
-            warnings.warn(f"the system {named(self.system)[1]}, {text}", UserWarning, stacklevel=2)
+            warnings.warn(f"the system {why}, {text}", UserWarning, stacklevel=2)
         with self._alone(), timed(None):
             try:
                 engine = self._rebuild(integrator)

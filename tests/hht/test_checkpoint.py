@@ -14,7 +14,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.conformance.scenes.linkages import DoublePendulum
-from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
+from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprints
 from hhtbench.protocol.system import NumpySystem, System, parameter
 from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
@@ -127,8 +127,12 @@ class Pendulum(System):
 def test_a_checkpoint_is_refused_by_a_system_with_another_value_of_a_parameter():
     saved = begun(Pendulum(), "controlled", [1.0, 0.0], [0.0, 0.0]).checkpoint()
     HHT(Pendulum()).resume(saved)
-    for other in (Pendulum(length=2.0), Pendulum(length=np.nextafter(1.0, 2.0)), Pendulum(shape="rope")):
-        with pytest.raises(hb.ProblemError, match=r"with fingerprint = .*the same system, parameter values"):
+    for other, name in (
+        (Pendulum(length=2.0), "length = 1.0; this one has 2.0"),
+        (Pendulum(length=np.nextafter(1.0, 2.0)), "length = 1.0; this one has 1.0000000000000002"),
+        (Pendulum(shape="rope"), "shape"),
+    ):
+        with pytest.raises(hb.ProblemError, match=f"with parameter {name}.*the same system, parameter values"):
             HHT(other).resume(saved)
 
 
@@ -138,21 +142,21 @@ class Marked(Pendulum):
 
 @pytest.mark.filterwarnings("ignore:A (JAX|NumPy) array is being set as static")
 def test_a_fingerprint_is_that_of_the_values_in_every_process():
-    assert fingerprint(Pendulum()) == fingerprint(Pendulum(length=jnp.asarray(1.0)))
+    assert fingerprints(Pendulum()) == fingerprints(Pendulum(length=jnp.asarray(1.0)))
     long = [np.arange(2000.0) for _ in range(2)]
     long[1][1000] = 0.5  # where a text of the array has three dots
     shapes = [1, 1.0, True, "1", None, (1,), (1, 1), ((1,), 1), [1], {"a": 1}, {"a": (1,)}, Pendulum(), *long, long[0] > 5]
     for field in ("shape", "mark"):
-        found = [fingerprint(Marked(**{field: shape})) for shape in shapes]
+        found = [fingerprints(Marked(**{field: shape}))[field] for shape in shapes]
         assert len(set(found)) == len(shapes)
-        assert found == [fingerprint(Marked(**{field: copy.deepcopy(shape)})) for shape in shapes]
+        assert found == [fingerprints(Marked(**{field: copy.deepcopy(shape)}))[field] for shape in shapes]
 
 
 def test_what_hides_its_numbers_has_no_fingerprint():
     """Two functions, or two objects, may have one text and do different things."""
     for shape in (lambda: 0, object(), ((lambda: 0),), {"a": np.array([object()])}, Pendulum(shape=str)):
         with pytest.raises(NoFingerprint):
-            fingerprint(Pendulum(shape=shape))
+            fingerprints(Pendulum(shape=shape))
 
 
 @pytest.mark.parametrize(

@@ -142,3 +142,16 @@ def test_a_wheel_rolls_down_an_incline():
     found = hb.solve(wheel, "hht", steps=50)
     expected = 9.81 * np.sin(0.3) / (1 + 0.09 / (2.0 * 0.3**2))  # a disk: two thirds of sliding
     np.testing.assert_allclose(found.v[-1], [expected, 0.0, -expected / 0.3], rtol=1e-10, atol=1e-12)
+
+
+def test_a_wrong_shape_names_the_argument():
+    at = plane.placed_with_ground(jnp.zeros(6))
+    for call, reason in (
+        (lambda: plane.revolute_rows(at, [0], [1], [0.5, 0.0], O), r"a must have the shape \(1, 2\).*got \(2,\)"),
+        (lambda: plane.revolute_rows(at, [0], [1], X, [[0.0, 0.0, 1.0]]), r"b must have the shape \(1, 2\).*got \(1, 3\)"),
+        (lambda: plane.revolute_rows(at, [0, 1], [1], X, O), r"first and second .* \(2,\) and \(1,\)"),
+        (lambda: plane.slot_rows(at, [0], [1], O, O, [1.0, 0.0]), "along must have"),
+        (lambda: plane.velocity_at(jnp.zeros(6), [0, 1], np.zeros((3, 2))), r"offset must have the shape \(2, 2\)"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            call()

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import json
 import math
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from hhtbench.campaign.reference.certify import Certificate
-from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.evidence import environment
 
 SCHEMA = "hhtbench.reference/1"
@@ -72,8 +71,7 @@ def read_certificate(file: Path) -> dict[str, Any]:
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError) as error:
-        close = get_close_matches(file.stem, [other.stem for other in file.parent.glob("*.json")], n=1)
-        hint = f" Did you mean {close[0]}?" if close else ""
+        hint = did_you_mean(file.stem, [other.stem for other in file.parent.glob("*.json")])
         raise ProblemError(f"the reference {file.name} cannot be read: {error}.{hint}") from error
     if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
         raise ProblemError(f"{file.name} is not a reference file ({SCHEMA}); build it with `hhtbench reference build`.")

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass, fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from hhtbench.catalogue import plugins
-from hhtbench.protocol.errors import NotFoundError, ProblemError
+from hhtbench.protocol.errors import NotFoundError, ProblemError, did_you_mean
 
 FIRST = "collocation(form=ggl)"
 SECOND = ("projected(method=DOP853)",)
@@ -76,8 +75,7 @@ def choose(plan: dict[str, Entry], names: tuple[str, ...]) -> list[Entry]:
     for name in names or tuple(plan):
         own = [entry for entry in plan.values() if name in (entry.name, entry.spec, entry.spec.partition("(")[0])]
         if not own:
-            close = get_close_matches(name, plan, n=1)
-            hint = f" Did you mean {close[0]}?" if close else ""
+            hint = did_you_mean(name, plan)
             raise NotFoundError(f"no reference is planned for {name!r}.{hint} Planned: {', '.join(sorted(plan))}.")
         found += [entry for entry in own if entry not in found]
     return found

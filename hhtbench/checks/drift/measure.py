@@ -25,6 +25,7 @@ from hhtbench.checks.drift.energy import (
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.printing import Printed
 from hhtbench.protocol.system import Problem, declared
 from hhtbench.solution.result import Ends, Solution, ends_of
 
@@ -57,7 +58,7 @@ class Level:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drift:
+class Drift(Printed):
     """Drift at every state, over its scale; None for what does not exist."""
 
     sampled: str  #: "steps" or "rows"
@@ -71,6 +72,13 @@ class Drift:
     invariants: dict[str, Vector]  #: name -> (k,)
     acceleration: Level | None  #: at times at which the solver holds multipliers of its own
     acceleration_note: str | None  #: why there is none although the system is constrained, or where it is not known
+
+    def __repr__(self) -> str:
+        names = ("position", "velocity", "acceleration", "energy")
+        largest = {name: value for name, value in self.metrics().items() if name in names and value is not None}
+        largest |= self.metrics()["invariants"]
+        values = ", ".join(f"{name} {value:.2g}" for name, value in largest.items()) or "nothing that can drift"
+        return f"<Drift, largest over {self.t.size} {'states' if self.sampled == 'steps' else 'rows'}: {values}>"
 
     def metrics(self) -> dict[str, Any]:
         """``metrics["drift"]`` of a row."""

@@ -18,8 +18,8 @@ class NoFingerprint(TypeError):
     """What the text says of the system has no name that is equal in every process."""
 
 
-def fingerprint(system: System | NumpySystem) -> str:
-    """A hash of the class's name and of all fields, whatever their values are made of.
+def fingerprints(system: System | NumpySystem) -> dict[str, str]:
+    """By field a text that is equal for equal values only: a number as it is printed, else a hash of what it is made of.
 
     What the class itself is made of, and what its functions refer to outside the fields, is no part of it.
 
@@ -30,8 +30,14 @@ def fingerprint(system: System | NumpySystem) -> str:
     """
     if isinstance(system, NumpySystem):
         raise NoFingerprint("is a NumpySystem")
+    return {field.name: _text(getattr(system, field.name)) for field in dataclasses.fields(system)}
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, jax.Array) and value.ndim == 0 and value.dtype == np.float64:
+        return repr(float(value))
     digest = hashlib.sha256()
-    for part in _parts(system):
+    for part in _parts(value):
         digest.update(b"%d " % len(part) + part)
     return digest.hexdigest()
 

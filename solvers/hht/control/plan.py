@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.request import StepPlan
 from hhtbench.solution.result import Status
 from solvers._start import Failure
@@ -114,5 +115,7 @@ class ByError(Plan):
         crawls = state.h is not None and memory.h_next < CRAWL * left
         if not crawls and not (moves and error > 1.0):
             return None
-        head = f"at t = {state.t:.17g} the roundoff of q and v is {roundoff:.3g} times what the tolerances allow of a step: "
+        head = (
+            f"at t = {exact(state.t)} the roundoff of q and v is {roundoff:.3g} times what the tolerances allow of a step: "
+        )
         return Failure(Status.step_too_small, head + tolerances.reachable(state, self.first(state)))

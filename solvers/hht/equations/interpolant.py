@@ -9,6 +9,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import DenseOutput
 from solvers.hht.equations.formulas import cubic, smooth_rise
 
@@ -30,7 +31,7 @@ class HermiteOutput:
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
         if not np.all((times >= low) & (times <= high)):
-            raise ProblemError(f"the solution covers [{low:.17g}, {high:.17g}] s; it is not extrapolated.")
+            raise ProblemError(f"the solution covers [{exact(low)}, {exact(high)}] s; it is not extrapolated.")
         q, v = self.at(times, self.rows_before(times))
         return DenseOutput(q[0], v[0]) if np.ndim(t) == 0 else DenseOutput(q, v)
 

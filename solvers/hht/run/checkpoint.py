@@ -17,7 +17,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprint
+from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprints
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.result import Counters
@@ -33,7 +33,7 @@ from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import ControlMemory, Factorised, State
 from solvers.kernel.memory import GIVEN, HEAD
 
-MAGIC, VERSION = b"hhtbench HHT checkpoint", 8
+MAGIC, VERSION = b"hhtbench HHT checkpoint", 9
 RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
 NUMBERS = np.dtype("<f8")  # of arrays
@@ -47,16 +47,17 @@ def setup_of(system: System | NumpySystem, options: HHTOptions, events: tuple[Ev
     o = options
     chosen = {"method": str(o.method()), "control": str(o.control), "linsolver": o.linsolver, "engine": o.engine}
     chosen["without"] = ", ".join(o.without)
-    named_events = ", ".join(event.name for event in events)
-    return {"system": type(system).__name__, "fingerprint": named(system)[0], **chosen, "events": named_events}
+    chosen["events"] = ", ".join(event.name for event in events)
+    fields = {f"parameter {name}": value for name, value in named(system)[0].items()}
+    return {"system": type(system).__name__, **fields, **chosen}
 
 
-def named(system: System | NumpySystem) -> tuple[str | None, str]:
-    """The system's fingerprint; None where it has none, and then why."""
+def named(system: System | NumpySystem) -> tuple[dict[str, str], str]:
+    """Fingerprints of the system's fields; none where it has none, and then why."""
     try:
-        return fingerprint(system), ""
+        return fingerprints(system), ""
     except NoFingerprint as error:
-        return None, str(error)
+        return {}, str(error)
 
 
 def pack(integrator: IntegratorState, setup: dict[str, Any]) -> bytes:
@@ -81,8 +82,9 @@ def unpack(data: Any, setup: dict[str, Any]) -> IntegratorState:
         made_with, integrator = tree["setup"], _decoded(tree["integrator"])
     except (ValueError, KeyError, TypeError, ArithmeticError, RecursionError) as error:
         raise ProblemError(f"the checkpoint is none of this solver's: {type(error).__name__}: {error}") from None
-    for name, value in setup.items():
-        found = made_with.get(name) if isinstance(made_with, dict) else None
+    made_with = made_with if isinstance(made_with, dict) else {}
+    for name in [*setup, *made_with.keys() - setup.keys()]:
+        found, value = made_with.get(name), setup.get(name)
         if found != value:
             raise ProblemError(
                 f"the checkpoint was made by a solver with {name} = {found}; this one has {value}. Give HHT the same "

@@ -13,6 +13,7 @@ import numpy as np
 from hhtbench.lowering import padded
 from hhtbench.protocol.arguments import check_interval, real_number, real_vector
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.counting import Clock, Work
 from hhtbench.solution.request import ADDS_UP, Request, StepPlan, check_output_times, has_zero, plan_steps
 from hhtbench.solution.result import Solution, Status
@@ -169,7 +170,7 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
     count = FEW_QUICK if clock.limit is None and is_quick(stepper.engine) else FEW
     while state.t != stop:
         if most is not None and taken >= most:
-            text = f"{taken} steps were taken and t = {state.t:.17g} reached; {Status.max_steps.text}"
+            text = f"{taken} steps were taken and t = {exact(state.t)} reached; {Status.max_steps.text}"
             ended = Failure(Status.max_steps, text)
             by_error = stepper.plan.by_error
             if max_num_steps or by_error is None:

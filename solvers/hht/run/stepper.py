@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._initcond import project
 from solvers._projection import PROJECTED, sizes_from
@@ -78,7 +79,7 @@ class Stepper:
         except BudgetSpent as spent:
             return Accepted(state, watch, ended=budget_failure(spent, state.t))
         except NonFiniteValue as error:  # of an event function, or of the look at a motion's start
-            text = f"{error}, in the step from t = {state.t:.17g}"
+            text = f"{error}, in the step from t = {exact(state.t)}"
             return Accepted(state, watch, ended=Failure(Status.nonfinite_callback, text))
 
     def _advance(self, state: State, watch: EventState, stop: float, rows: Matrix, horizon: float) -> Accepted:
@@ -143,7 +144,7 @@ class Stepper:
             state, watch = changed, replace(watch, changed=(*watch.changed, *changing), sides=tuple(sides))
         named = [self.events[i].name for i in sorted(before) if self.events[i].ends(watch.counts[i])]
         if named:
-            text = f"event {', '.join(map(repr, named))} at t = {state.t:.17g}. {Status.event.text}"
+            text = f"event {', '.join(map(repr, named))} at t = {exact(state.t)}. {Status.event.text}"
             ended = Failure(Status.event, text)
         return accepted._replace(state=state, watch=watch, ended=ended)
 
@@ -153,7 +154,7 @@ class Stepper:
         ``sides`` (k,): those from which the motion came to the events that change it, 0 for others; those after it then.
         """
         changing = [(i, event) for i, event in enumerate(self.events) if sides[i]]
-        where = f"after the change by event {', '.join(repr(event.name) for _, event in changing)} at t = {state.t:.17g}"
+        where = f"after the change by event {', '.join(repr(event.name) for _, event in changing)} at t = {exact(state.t)}"
         engine, place = self.engine, Place(state.t, state.q, state.v)
         try:
             for i, event in changing:
@@ -205,7 +206,7 @@ class Stepper:
             engine.put_back(now)
             if engine.loops.call(look) == mem.EVENT_NONFINITE:
                 self._raise_nonfinite()
-        text = f"in the step from t = {before.t:.17g} with h = {h:g} each look shows an event before the last"
+        text = f"in the step from t = {exact(before.t)} with h = {h:g} each look shows an event before the last"
         return Accepted(before, watch, ended=Failure(Status.time_resolution, f"{text}; take shorter steps."))
 
     def _at_once(self, before: State, watch: EventState, output: HermiteOutput, found: Sequence[Crossing]) -> Accepted:
@@ -216,7 +217,7 @@ class Stepper:
         """
         again = [repr(self.events[c.index].name) for c in found if self._piles_up(c, before, watch)]
         if again:
-            text = f"changes by event {', '.join(again)} pile up at t = {before.t:.17g}; {PILED_UP}"
+            text = f"changes by event {', '.join(again)} pile up at t = {exact(before.t)}; {PILED_UP}"
             return Accepted(before, watch, ended=Failure(Status.time_resolution, text))
         return self._passed(before, output, found, watch)._replace(made=0)
 
@@ -280,9 +281,9 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
     """Of the step from ``state`` that the loops tried last and left with ``ended``."""
     numbers, by_error = engine.loops.section(mem.ATTEMPT), plan.by_error
     h, t = float(numbers[mem.H_TRIED]), state.t
-    where = f"in the step from t = {t:.17g} with h = {h:g}"
+    where = f"in the step from t = {exact(t)} with h = {h:g}"
     if ended == mem.NO_ADVANCE:
-        text = f"t = {t:.17g} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
+        text = f"t = {exact(t)} cannot be advanced by h = {h:g}; {Status.time_resolution.text}"
         return Failure(Status.time_resolution, text)
     if by_error is not None and ended in (mem.TOO_LARGE, mem.ROUNDOFF_REACHED):
         roundoff = ended == mem.ROUNDOFF_REACHED
@@ -320,7 +321,7 @@ def off_at_start(engine: Engine, state: State) -> Failure | None:
 def _too_large(plan: ByError, before: State, numbers: np.ndarray, roundoff: bool) -> Failure:
     """The error of the last step that was tried is more than what is allowed."""
     t, h, error = before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
-    text = f"at t = {t:.17g} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"
+    text = f"at t = {exact(t)} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"
     first = float(numbers[mem.FIRST_H])
     if roundoff and (remedy := plan.tolerances.reachable(before, first)):
         text += f", that of {abs(first):.3g} s was {numbers[mem.FIRST_ERROR]:.3g} times" if abs(first) != h else ""

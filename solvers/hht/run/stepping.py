@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._start import Failure, Place
 from solvers.hht.control.controller import ControlOptions
@@ -101,9 +102,9 @@ def make_goal(t: Any, method: Any, tstop: Any, integrator: IntegratorState) -> G
     now, target = integrator.state.t, next((x for x in (tstop, t) if x is not None), math.inf)
     ahead = integrator.direction or (-1.0 if target < now else 1.0)
     if tstop is not None and (tstop - now) * ahead <= 0:
-        raise ProblemError(f"tstop must lie ahead of t = {now:.17g}; got {tstop:.17g}. init_step begins anew.")
+        raise ProblemError(f"tstop must lie ahead of t = {exact(now)}; got {exact(tstop)}. init_step begins anew.")
     if t is not None and (t - integrator.last.t[0]) * ahead < 0:
-        raise ProblemError(f"t = {t:.17g} lies behind the last step, which ended at {now:.17g}; init_step begins anew.")
+        raise ProblemError(f"t = {exact(t)} lies behind the last step, which ended at {exact(now)}; init_step begins anew.")
     return Goal(t, method == "normal", tstop, ahead)
 
 

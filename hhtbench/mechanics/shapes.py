@@ -1,0 +1,31 @@
+"""Shapes of what bodies and joints are given."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+
+
+def expect_rows(name: str, value: Any, bodies: Array, *size: int) -> Array:
+    """``value`` as an array (j, *size): a row for each of the bodies (j,), or one row for all.
+
+    Raises
+    ------
+    ValueError
+        The shape is another; the text names the argument.
+    """
+    found = jnp.asarray(value)
+    if found.shape[1:] != size or found.shape[0] not in (1, bodies.size):
+        wanted = f"({', '.join(map(str, (bodies.size, *size)))})"
+        raise ValueError(f"{name} must have the shape {wanted}, a row for each body that is named; got {found.shape}.")
+    return jnp.broadcast_to(found, (bodies.size, *size))
+
+
+def expect_pairs(first: Any, second: Any) -> tuple[Array, Array]:
+    """Numbers of bodies (j,) and (j,), one pair a joint."""
+    one, other = jnp.asarray(first), jnp.asarray(second)
+    if one.ndim != 1 or one.shape != other.shape:
+        raise ValueError(f"first and second must be lists of as many bodies; got shapes {one.shape} and {other.shape}.")
+    return one, other
