@@ -22,7 +22,7 @@ from hhtbench.lowering import (
     asymmetry,
     mass_is_singular,
 )
-from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering.dynamics.kkt_rows import Acceleration
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Row
 from hhtbench.protocol.system import Problem
