@@ -130,6 +130,8 @@ def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
 
 def _levels(problem: Problem, dynamics: Dynamics, rows: Rows) -> tuple[Matrix, Matrix]:
     """Of g, the velocity level and k at every row, (k, 2m + p): how far they are off, scaled and bare."""
+    if not dynamics.structure.constrained:
+        return np.zeros((0, 0)), np.zeros((0, 0))
     s_q, s_v = declared_sizes(problem)
     t, q, v = rows
     parts = [slice(i, i + CHUNK) for i in range(0, t.size, CHUNK)]
