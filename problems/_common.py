@@ -1,8 +1,10 @@
-"""What the problem files share: range checks of parameters and the stored reference values."""
+"""What the problem files share: range checks of parameters, stored reference values, minimal coordinates."""
 
 from __future__ import annotations
 
+import functools
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.system import MinimalCoordinates
 
 REFERENCES = Path(__file__).with_name("references")
 
@@ -62,3 +65,15 @@ def load_reference(name: str, t_end: float) -> dict[str, Any] | None:
     confirmed = [other["solver"] for other in others if other["independent"] and other["status"] == "success"]
     source = f"{stored['first']}, confirmed by {' and '.join(confirmed)}"
     return {"t": t[rows], **values, "bars": bars, "digits": int(-np.log10(worst)), "source": source}
+
+
+def minimal(name: str, *parameters: Any) -> Callable[[], MinimalCoordinates]:
+    """The function ``name`` of :mod:`problems._minimal` with its ``parameters``; imported where it is called."""
+    return functools.partial(_minimal, name, parameters)
+
+
+def _minimal(name: str, parameters: tuple[Any, ...]) -> MinimalCoordinates:
+    from problems import _minimal as minimal_coordinates
+
+    found: MinimalCoordinates = getattr(minimal_coordinates, name)(*parameters)
+    return found

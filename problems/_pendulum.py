@@ -9,7 +9,6 @@ import numpy as np
 from jax import Array
 from scipy.special import ellipj, ellipkm1
 
-from hhtbench.mechanics.lines import circle_lines, pin_lines
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Motion, System, parameter
 
@@ -67,6 +66,8 @@ def swinging_point(m: float, L: float, g: float, amplitude: float, period: float
 
 def pendulum_lines(pivot: Vector, bob: Vector, size: float) -> Vector:
     """Rod, the bob's outline and a support above the pivot, (22, 2, 2) [m]; ``size`` of the support and the bob [m]."""
+    from hhtbench.mechanics.lines import circle_lines, pin_lines  # solves draw nothing
+
     return np.concatenate([[[pivot, bob]], circle_lines(bob, size / 2, 12), pin_lines(pivot, size, 1.0)])
 
 

@@ -18,7 +18,6 @@ the pin is conserved beside the energy.  SI units.
 
 from __future__ import annotations
 
-import functools
 import math
 from typing import Any
 
@@ -29,8 +28,7 @@ from jax import Array
 from hhtbench.mechanics.lines import chain, outline
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.system import Problem, Scales, System, parameter
-from problems._common import checked, load_reference
-from problems._minimal import level_beads
+from problems._common import checked, load_reference, minimal
 
 SOURCE = "textbook mechanics, points on rigid links"
 LARGE = 100  # beads from which the tag "large" is set: dense linear algebra stops being the best choice about here
@@ -118,7 +116,7 @@ def problem(
         observables={"tip": tip, "tip_velocity": tip_velocity},
         reference=load_reference(f"bead_chain_n{n}", t_end) if (m, L, g, w) == (1.0, 1.0, 9.81, 0.5) else None,
         sketch=sketch,
-        minimal=functools.partial(level_beads, n, m, L, g, w),
+        minimal=minimal("level_beads", n, m, L, g, w),
         tags=("holonomic", "large") if n >= LARGE else ("holonomic",),
         good_for="Quadratic constraints in space without rotations, for any number of beads, with two invariants to watch.",
         source=SOURCE,

@@ -42,8 +42,7 @@ from scipy.special import ellipj, ellipkm1
 from hhtbench.mechanics.lines import pin_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
-from problems._common import checked, load_reference
-from problems._minimal import upright_bars
+from problems._common import checked, load_reference, minimal
 
 SOURCE = "IFToMM library of computational benchmarks, A02: N four-bar mechanism"
 LARGE = 50  # windows from which the tag "large" is set: about 300 coordinates
@@ -203,7 +202,7 @@ def problem(
         exact=functools.partial(exact, n, m, l, g, speed) if closed else None,
         reference=load_reference(f"four_bars_n{n}", t_end) if published else None,
         sketch=functools.partial(sketch, l),
-        minimal=functools.partial(upright_bars, n, m, l, g, speed),
+        minimal=minimal("upright_bars", n, m, l, g, speed),
         tags=("holonomic", "singular", "large") if n >= LARGE else ("holonomic", "singular"),
         good_for="Whether a solver survives rank loss of many constraints at once and keeps the cranks parallel afterwards.",
         source=SOURCE,

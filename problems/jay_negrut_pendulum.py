@@ -31,8 +31,7 @@ from hhtbench.mechanics.lines import chain, pin_lines
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
-from problems._common import checked, load_reference
-from problems._minimal import paper_pendulum
+from problems._common import checked, load_reference, minimal
 
 SOURCE = "Jay and Negrut, ETNA 26 (2007) 190-208, section 5, second problem"
 REST_ANGLE = 1.5 * math.pi  # hanging [rad]
@@ -195,7 +194,7 @@ def problem(
         exact=functools.partial(exact, parameters, t_end),
         reference=load_reference("jay_negrut_pendulum", t_end) if published else None,
         sketch=functools.partial(sketch, L),
-        minimal=functools.partial(paper_pendulum, values, REST_ANGLE, z3),
+        minimal=minimal("paper_pendulum", values, REST_ANGLE, z3),
         tags=("holonomic",),
         good_for="the paper's own curves: orders, damping, multipliers with a stiff spring and damper",
         source=SOURCE,

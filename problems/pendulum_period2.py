@@ -22,8 +22,7 @@ import numpy as np
 from jax import Array
 
 from hhtbench.protocol.system import Motion, Problem, Scales, parameter
-from problems._common import checked, load_reference
-from problems._minimal import hanging_point
+from problems._common import checked, load_reference, minimal
 from problems._pendulum import Bob, angle, quarter, sketch, swinging_point
 
 SOURCE = "Landau and Lifshitz, Mechanics, section 11, with gravity such that the period is 2 s"
@@ -72,7 +71,7 @@ def problem(*, m: float = 1.0, L: float = 1.0, t_end: float = 30.0) -> Problem:
         exact=functools.partial(exact, m, L),
         reference=load_reference("pendulum_period2", t_end) if (m, L) == (1.0, 1.0) else None,
         sketch=sketch,
-        minimal=functools.partial(hanging_point, m, L, g, math.pi / 2),
+        minimal=minimal("hanging_point", m, L, g, math.pi / 2),
         tags=("holonomic",),
         good_for="drift of the constraints and of the energy over a million steps: it is back at its start every 2 s",
         source=SOURCE,

@@ -30,8 +30,7 @@ from jax import Array
 from hhtbench.mechanics.lines import pin_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.system import Problem, Scales, System, parameter
-from problems._common import checked, load_reference
-from problems._minimal import level_chain
+from problems._common import checked, load_reference, minimal
 
 SOURCE = "textbook mechanics, N-link pendulum in absolute coordinates"
 LARGE = 100  # rods from which the tag "large" is set: dense linear algebra stops being the best choice about here
@@ -113,7 +112,7 @@ def problem(*, n_links: int = 8, m: float = 1.0, L: float = 1.0, g: float = 9.81
         observables={"tip": functools.partial(tip, L / n)},
         reference=load_reference(f"planar_chain_n{n}", t_end) if (m, L, g) == (1.0, 1.0, 9.81) else None,
         sketch=functools.partial(sketch, values["l"]),
-        minimal=functools.partial(level_chain, n, m, L, g),
+        minimal=minimal("level_chain", n, m, L, g),
         tags=("holonomic", "large") if n >= LARGE else ("holonomic",),
         good_for="How cost grows with size: 3 N absolute coordinates whose banded, tree-like joints sparse solvers can use.",
         source=SOURCE,

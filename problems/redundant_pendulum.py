@@ -24,8 +24,7 @@ from jax import Array
 
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Motion, Problem, Scales, parameter
-from problems._common import checked, load_reference
-from problems._minimal import hanging_point
+from problems._common import checked, load_reference, minimal
 from problems._pendulum import Bob, pendulum_lines, quarter, swinging_point
 
 SOURCE = "Landau and Lifshitz, Mechanics, section 11, with the constraint repeated; closed solution by insertion"
@@ -100,7 +99,7 @@ def problem(
         exact=functools.partial(exact, m, L, g, factor, amplitude),
         reference=load_reference("redundant_pendulum", t_end) if published else None,
         sketch=sketch,
-        minimal=functools.partial(hanging_point, m, L, g, amplitude),
+        minimal=minimal("hanging_point", m, L, g, amplitude),
         tags=("holonomic", "redundant"),
         good_for="the smallest redundant system: is a singular KKT matrix noticed, and which multipliers come out?",
         source=SOURCE,

@@ -25,8 +25,7 @@ import numpy as np
 from jax import Array
 
 from hhtbench.protocol.system import Motion, Problem, Scales
-from problems._common import checked, load_reference
-from problems._minimal import hanging_point
+from problems._common import checked, load_reference, minimal
 from problems._pendulum import Bob, angle, quarter, sketch, swinging_point
 
 SOURCE = "IFToMM Library of Computational Benchmark Problems, A01; Landau and Lifshitz, Mechanics, section 11"
@@ -77,7 +76,7 @@ def problem(
         exact=functools.partial(exact, m, L, g, amplitude),
         reference=load_reference("simple_pendulum", t_end) if published else None,
         sketch=sketch,
-        minimal=functools.partial(hanging_point, m, L, g, amplitude),
+        minimal=minimal("hanging_point", m, L, g, amplitude),
         tags=("holonomic",),
         good_for="the smallest holonomic system with a closed solution: orders of all variables, multiplier included",
         source=SOURCE,

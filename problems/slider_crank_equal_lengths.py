@@ -36,8 +36,7 @@ from jax import Array
 from hhtbench.mechanics.lines import pin_lines
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Problem, Scales, System, parameter
-from problems._common import checked, load_reference
-from problems._minimal import turning_crank
+from problems._common import checked, load_reference, minimal
 
 SOURCE = "textbook mechanics, slider-crank of equal lengths"
 
@@ -146,7 +145,7 @@ def problem(
         observables={"crank_angle": crank_angle, "crank_rate": crank_rate},
         reference=load_reference("slider_crank_equal_lengths", t_end) if published else None,
         sketch=functools.partial(sketch, l),
-        minimal=functools.partial(turning_crank, m, m_slider, l, g, angle, rate),
+        minimal=minimal("turning_crank", m, m_slider, l, g, angle, rate),
         tags=("holonomic", "singular", "variable mass"),
         good_for="Whether a solver gets across positions where the constraints lose rank and two branches of motion cross.",
         source=SOURCE,

@@ -27,8 +27,7 @@ from jax import Array
 from hhtbench.mechanics.lines import chain, pin_lines, spring_lines
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Problem, Scales, System, parameter
-from problems._common import checked, load_reference
-from problems._minimal import level_spring
+from problems._common import checked, load_reference, minimal
 
 SOURCE = "textbook mechanics, stiff spring pendulum with a rigid rod added"
 COILS = 6  # of the drawn spring
@@ -141,7 +140,7 @@ def problem(
         observables={"tip": tip},
         reference=load_reference(f"stiff_spring_pendulum_{STEMS[k]}", t_end) if published else None,
         sketch=functools.partial(sketch, rigid),
-        minimal=functools.partial(level_spring, k, m, l, g),
+        minimal=minimal("level_spring", k, m, l, g),
         tags=("holonomic",) if rigid else ("holonomic", "stiff"),
         good_for="How cost and error depend on stiffness alone, from a soft spring to its rigid limit, at the same motion.",
         source=SOURCE,

@@ -7,8 +7,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.lowering import CONSISTENT, Levels, minimum_norm, padded, redundant_rows, route_of, size_of, unreduced
-from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering import (
+    CONSISTENT,
+    Dynamics,
+    Levels,
+    padded,
+    redundant_rows,
+    route_of,
+    size_of,
+    unreduced,
+)
+from hhtbench.lowering.dynamics.kkt_rows import Acceleration
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from hhtbench.protocol.printing import exact
@@ -126,15 +135,14 @@ def _by_machine_code(run: Solving, rows: Rows, own: OwnMultipliers) -> Any:
     done = np.zeros(times.size, dtype=bool)
     if route_of(dynamics) == "numpy":
         return done
-    from solvers.kernel import acceleration  # plain callables do without the loops
-    from solvers.kernel.blocks import FEW, in_blocks
-    from solvers.kernel.kkt import kkt_of
+    from solvers.kernel.blocks import FEW, in_blocks  # plain callables do without the loops
 
     level = of_dynamics(dynamics).compiled
-    entries = kkt_of(dynamics) if level is None and times.size >= FEW else None
-    if level is None and entries is None:
+    if level is None and times.size < FEW:
         return done
-    recover = level.recover if level else acceleration.recover.following(entries.memory(dynamics))  # type: ignore[union-attr]
+    recover = level.recover if level else _by_entries(dynamics)
+    if recover is None:
+        return done
     packed = np.concatenate([times[:, None], q, v, lam, mu], axis=1)
     going = lambda: run.work.clock.left() >= 0.0  # noqa: E731
     in_blocks(times.size, BLOCK, lambda block: recover(packed[block], done[block]), going)
@@ -142,6 +150,15 @@ def _by_machine_code(run: Solving, rows: Rows, own: OwnMultipliers) -> Any:
     lam[done], mu[done] = found[:, : lam.shape[1]], found[:, lam.shape[1] :]
     run.work.add("residual_evaluations", int(done.sum()))
     return done
+
+
+def _by_entries(dynamics: Dynamics) -> Callable[..., Any] | None:
+    """The same by the entries of a large KKT matrix, where there is machine code for them."""
+    from solvers.kernel.compiled import shipped
+    from solvers.kernel.kkt import kkt_of
+
+    entries = kkt_of(dynamics)
+    return None if entries is None else shipped("recover").following(entries.memory(dynamics))
 
 
 def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any) -> Recovered:
@@ -217,6 +234,8 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) 
         worst = max(worst, float(off[list(redundant)].max()))
         data = min(data, DATA * worst)  # of the first place: later ones are off by more
         if i < count:
+            from hhtbench.lowering import minimum_norm  # few constraints are redundant
+
             lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
             done += 1
     told = f"Rows {list(redundant)} of [g; k] depend on the others and were left out"

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import issparse
 
-from hhtbench.lowering import CONSISTENT, ConstraintLevels, Dynamics, constraint_rank, derive, size_of, unreduced
-from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering import CONSISTENT, ConstraintLevels, Dynamics, constraint_rank, size_of, unreduced
+from hhtbench.lowering.dynamics.kkt_rows import Acceleration
 from hhtbench.protocol.arguments import all_finite
 from hhtbench.protocol.errors import NonFiniteValue, ProblemError
 from hhtbench.protocol.system import NumpySystem, System
-from hhtbench.solution.counting import Work, uncounted
+from hhtbench.solution.counting import Work
 from hhtbench.solution.result import Status
 from solvers._finite import explain_nonfinite
 from solvers._start import (
     CORRECT,
+    Begun,
     Failure,
     Guesses,
     Place,
@@ -35,19 +36,10 @@ NEARLY = 1e-7  # of unit rows: a KKT matrix tells such rows apart by the square 
 AT_REST = 1e-15  # of v0: constraints that leave no more of a velocity leave none
 
 
-class Begun(NamedTuple):
-    """The start of a run."""
-
-    dynamics: Dynamics
-    place: Place
-    found: Acceleration
-    note: str  #: what was moved how far
-
-
 def begun(
     system: System | NumpySystem, place: Place, guesses: Guesses, work: Work, *, calc_initcond: bool
 ) -> Begun | Failure:
-    """The start at ``place``: by machine code where it is plainly good, else with every check.
+    """The start at ``place`` with every check.
 
     Raises
     ------
@@ -56,14 +48,6 @@ def begun(
     ProblemError
         A guess has not one entry per constraint.
     """
-    if not calc_initcond and issubclass(type(system), System):
-        with uncounted():
-            dynamics: Dynamics = derive(system, place.t, place.q, place.v)
-        known = of_dynamics(dynamics)
-        plain = known.compiled.at(place, guesses) if known.plain and known.compiled is not None else None
-        if plain is not None:
-            work.add("residual_evaluations")
-            return Begun(dynamics, place, plain, "")
     dynamics = dynamics_for(system, place)
     start = consistent_start(dynamics, place, guesses, work, calc_initcond=calc_initcond)
     if isinstance(start, Failure):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhtbench.lowering import AccelerationLevel
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from hhtbench.protocol.printing import exact
@@ -22,8 +21,11 @@ from solvers._dense import Kept, OnConstraints, Pieces
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
-from solvers._initcond import begun
-from solvers._start import Failure, Place, absolute_tolerances, budget_failure, of_dynamics, tried_twice
+from solvers._start import Failure, Place, absolute_tolerances, budget_failure, of_dynamics, plain_start, tried_twice
+
+if TYPE_CHECKING:
+    from hhtbench.lowering import AccelerationLevel
+    from solvers._start import Begun
 
 __all__ = ["Halt", "Run"]
 
@@ -117,7 +119,12 @@ class Run:
         problem = self.problem
         place, guesses = Place(self.now, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
         self.atol = absolute_tolerances(problem, self.request)
-        start = begun(problem.system, place, guesses, self.work, calc_initcond=self.request.calc_initcond)
+        moves = self.request.calc_initcond
+        start: Begun | Failure | None = None if moves else plain_start(problem.system, place, guesses, self.work)
+        if start is None:
+            from solvers._initcond import begun  # most starts of machine code are plainly good
+
+            start = begun(problem.system, place, guesses, self.work, calc_initcond=moves)
         if isinstance(start, Failure):
             return start
         self.dynamics, place, self.first, self.note = start

@@ -6,12 +6,11 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
 from hhtbench.lowering import (
-    AccelerationLevel,
     ConstraintLevels,
     Dynamics,
     Levels,
@@ -36,6 +35,8 @@ from hhtbench.solution.result import Status
 from solvers._finite import expect_finite
 
 if TYPE_CHECKING:
+    from hhtbench.lowering import AccelerationLevel
+    from hhtbench.lowering.dynamics.kkt_rows import Acceleration
     from solvers.kernel.level import CompiledLevel
 
 EQUATIONS = tuple(name for name in DERIVATIVES if name != "force_jacobians")  # derivatives that enter the equations
@@ -121,6 +122,8 @@ class OfDynamics:
     @cached_property
     def acceleration(self) -> AccelerationLevel:
         """Likewise."""
+        from hhtbench.lowering import AccelerationLevel  # small systems have machine code for it
+
         return AccelerationLevel(self._dynamics)
 
     @cached_property
@@ -149,6 +152,29 @@ def of_dynamics(dynamics: Dynamics) -> OfDynamics:
     """Remembered of a dynamics that is remembered itself."""
     found: OfDynamics = _of_dynamics.find(by_id(dynamics), lambda: OfDynamics(dynamics))
     return found
+
+
+class Begun(NamedTuple):
+    """The start of a run."""
+
+    dynamics: Dynamics
+    place: Place
+    found: Acceleration
+    note: str  #: what was moved how far
+
+
+def plain_start(system: System | NumpySystem, place: Place, guesses: Guesses, work: Work) -> Begun | None:
+    """The start at ``place`` by machine code; None where there is none, or the start is not plainly good."""
+    if not issubclass(type(system), System):
+        return None
+    with uncounted():
+        dynamics: Dynamics = derive(system, place.t, place.q, place.v)
+    known = of_dynamics(dynamics)
+    found = known.compiled.at(place, guesses) if known.plain and known.compiled is not None else None
+    if found is None:
+        return None
+    work.add("residual_evaluations")
+    return Begun(dynamics, place, found, "")
 
 
 def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str, ...] = ()) -> Dynamics:

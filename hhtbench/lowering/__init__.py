@@ -12,15 +12,15 @@ from hhtbench.lowering.compile.compiling import compile_function, routes
 from hhtbench.lowering.compile.routes import route_of, too_large
 from hhtbench.lowering.dynamics.derive import derive
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
-from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
-from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank, minimum_norm
 from hhtbench.lowering.dynamics.reductions import REDUCTIONS
 from hhtbench.lowering.dynamics.regular import augment, padded, reduce_redundant, redundant_rows, unreduced
 
 if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.kkt import AccelerationLevel
     from hhtbench.lowering.dynamics.operations import operations
+    from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank, minimum_norm
     from hhtbench.lowering.scalar_compiler import Native, NotNative, native
 
 __all__ = [
@@ -57,10 +57,13 @@ __all__ = [
     "unreduced",
 ]
 
-_COMPILER = "hhtbench.lowering.scalar_compiler"
-_LATER = dict.fromkeys(("Native", "NotNative", "native"), _COMPILER) | {
-    "operations": "hhtbench.lowering.dynamics.operations"
-}  # which plain callables do without
+_MODULES = {  # which the solves of most systems do without
+    "scalar_compiler": ("Native", "NotNative", "native"),
+    "dynamics.kkt": ("AccelerationLevel",),
+    "dynamics.operations": ("operations",),
+    "dynamics.rank": ("ConstraintRank", "constraint_rank", "minimum_norm"),
+}
+_LATER = {name: f"{__name__}.{module}" for module, names in _MODULES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

@@ -18,7 +18,7 @@ from hhtbench.lowering import (
     singular_at,
     too_large,
 )
-from hhtbench.lowering.dynamics.jax_dynamics import SMALL
+from hhtbench.lowering.dynamics.matrix_free import SMALL
 from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.protocol.system import DECLARABLE, PHYSICS, NumpySystem, Problem, System, declared
 

@@ -17,7 +17,7 @@ from hhtbench.lowering import (
     padded,
     reduce_redundant,
 )
-from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering.dynamics.kkt_rows import Acceleration
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError, Stop
 from hhtbench.protocol.printing import exact

@@ -19,7 +19,8 @@ from solvers._start import typical_sizes
 from solvers.explicit.march import OF_TIMES, OUTPUTS, ROWS, STEPS, Room, march
 from solvers.explicit.tableaux import coefficients
 from solvers.kernel import memory as mem
-from solvers.kernel.kkt import Places, acceleration_level, places_of
+from solvers.kernel.full import Places
+from solvers.kernel.kkt import acceleration_level, places_of
 from solvers.kernel.memory import copied, integer_view, view
 
 FIRST, MOST = 64, 65_536  # steps or rows of one call: fewer at first, so that one that is slow can be interrupted

@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from hhtbench.lowering import AccelerationLevel, Dynamics, compile_function, route_of
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
+from hhtbench.lowering.dynamics.matrix_free import MatrixFree
 from hhtbench.lowering.dynamics.products import matrix_free, paying_products
 from hhtbench.protocol.arguments import Matrix, Vector
 from solvers.forms.layout import Functions

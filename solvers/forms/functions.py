@@ -11,7 +11,7 @@ larger, any other mass               code of full matrices                    fu
 ===================================  =======================================  =======================================
 
 A mass of few entries is the identity, diagonal, or regular with entries in a narrow band.  One that varies is taken so from
-:data:`~hhtbench.lowering.dynamics.jax_dynamics.SMALL` unknowns on, and not in the underlying ODE of a system without
+:data:`~hhtbench.lowering.dynamics.matrix_free.SMALL` unknowns on, and not in the underlying ODE of a system without
 constraints, whose y' is divided by it.
 
 Code is machine code, of more than 5,000 operations in loops, or XLA's where that would be too long or does not know a
@@ -33,7 +33,7 @@ from solvers.forms.underlying import rhs_along, rhs_function, rhs_jacobian_funct
 
 if TYPE_CHECKING:
     from hhtbench.lowering.compile.coloured import OftenCalled
-    from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
+    from hhtbench.lowering.dynamics.matrix_free import MatrixFree
 
 CROWDED = 0.3  # entries, as a part of the full matrix, from which a sparse factorisation takes longer than a full one
 

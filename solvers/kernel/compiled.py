@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
-from hhtbench.lowering.compile.loops import entries, inner
+from hhtbench.lowering.compile.loops import Shipped, entries, inner
 from solvers.kernel import numbers
 
 HERE = Path(__file__).parent
@@ -15,5 +16,12 @@ KERNEL = (
 called = entries(HERE / "compiled", *KERNEL)  #: what Python calls
 compiled = inner()
 inlined = inner(inline="always")
+
+
+@lru_cache
+def shipped(name: str) -> Shipped:
+    """The compiled function ``name`` of the kernel, without its source, which only Python and Numba need."""
+    return Shipped(name, HERE / "compiled", KERNEL)
+
 
 spacing = compiled(numbers.spacing)

@@ -10,27 +10,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.lowering import CONSISTENT, Dynamics, Native, NotNative, native
+from hhtbench.lowering import Dynamics, Native, NotNative, native
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import find_pattern
 from hhtbench.lowering.compile.routes import too_large
-from hhtbench.lowering.dynamics.jax_dynamics import Conjugate, kkt_entries
 from hhtbench.lowering.dynamics.kkt_rows import kkt_residual, kkt_terms
-from hhtbench.lowering.dynamics.levels import level_terms
-from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
+from hhtbench.lowering.dynamics.matrix_free import Conjugate, kkt_entries
 from hhtbench.lowering.dynamics.products import paying_products
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import declared
-from solvers._finite import inverse_mass_at
 from solvers.kernel import memory as mem
-from solvers.kernel.linear.analysis import Analysis, address_of, chosen
-from solvers.kernel.memory import Memory, Sizes, allocate, integer_view
+from solvers.kernel.full import Places, force_and_inverse_mass, of_full_matrices, put_codes
+from solvers.kernel.linear.analysis import Analysis, chosen
+from solvers.kernel.memory import Memory, Sizes, allocate
 
 LARGEST_KKT = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
 _known = Cache(16)  # ordering a matrix takes a millisecond and more
-
-# Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
-GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
 
 
 class Entries(NamedTuple):
@@ -45,14 +40,6 @@ class Entries(NamedTuple):
         z = self.analysis.memory(n=s.n, m=s.m, p=s.p, inverse_mass=0, computed=self.kkt.size, by_entries=True)
         z.i[mem.C_MATRIX : mem.C_MATRIX + 2], z.i[mem.LINEAR] = self.kkt.pair, s.linear_reaction
         return z
-
-
-class Places(NamedTuple):
-    """What looks at any place of one system, and moves it onto the constraints."""
-
-    memory: Memory  #: to be copied
-    mass: Vector  #: M (n*n,), or room for it where it varies; nothing by entries
-    codes: Any  #: what owns the code that is called
 
 
 def places_of(dynamics: Dynamics) -> Places:
@@ -71,25 +58,6 @@ def places_of(dynamics: Dynamics) -> Places:
     return of_full_matrices(dynamics)
 
 
-def of_full_matrices(dynamics: Dynamics) -> Places:
-    """Solved by LAPACK.
-
-    Raises
-    ------
-    NotNative
-        The functions cannot be machine code.
-    """
-    s, codes = dynamics.structure, level_functions(dynamics)
-    size = s.n + s.m + s.p
-    z = allocate(Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0, level=size))
-    z.i[mem.LINEAR] = s.linear_reaction
-    z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
-    integer_view(z, mem.LEVEL_LAPACK)[:] = size, 1, ord("T"), 0
-    _call(z, codes)
-    mass = np.eye(s.n) if dynamics.constant_mass is None else np.array(dynamics.constant_mass, dtype=np.float64)
-    return Places(z, mass.ravel(), codes)
-
-
 def by_entries(dynamics: Dynamics) -> Places:
     """Solved by the entries of the KKT matrix, or without constraints.
 
@@ -103,7 +71,7 @@ def by_entries(dynamics: Dynamics) -> Places:
     if not s.constrained:
         codes = {"force": native(force_and_inverse_mass, source, shapes=place)}
         z = allocate(Sizes(n=s.n, m=0, p=0, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0))
-        _call(z, codes)
+        put_codes(z, codes)
         return Places(z, np.zeros(0), codes)
     if reacts_across(dynamics) and not isinstance(dynamics, Conjugate):
         raise NotNative("a declared reaction")
@@ -111,51 +79,13 @@ def by_entries(dynamics: Dynamics) -> Places:
     if entries is None:
         raise NotNative("the entries of its KKT matrix are none of machine code")
     z, codes = entries.memory(dynamics), {"levels": native(levels, source, shapes=place)}
-    _call(z, codes)
+    put_codes(z, codes)
     return Places(z, np.zeros(0), (entries, codes))
 
 
 def reacts_across(dynamics: Dynamics) -> bool:
     """Whether reactions are declared: along them no change onto the constraints is the smallest."""
     return any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
-
-
-def _call(z: Memory, codes: dict[str, Native]) -> None:
-    """Put the addresses of ``codes`` into the memory."""
-    for name, code in codes.items():
-        at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
-        z.i[at : at + 2] = code.pair
-
-
-def level_functions(dynamics: Dynamics) -> dict[str, Native]:
-    """Machine code of what start, acceleration level and projection need, of full matrices, by its name in the loops.
-
-    Raises
-    ------
-    NotNative
-        There is none for one of them.
-    """
-    s = dynamics.structure
-    place = (), (s.n,), (s.n,)
-    codes = {"force": native(force_and_inverse_mass, dynamics, shapes=place)}
-    if s.constrained:
-        codes["start_levels"] = native(level_terms, dynamics, shapes=place)
-    if s.constrained or s.mass == "variable":
-        codes["kkt"] = native(kkt_terms, dynamics, shapes=(*place, (s.n + s.m + s.p,)))
-    return codes
-
-
-def force_over_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """f = M^-1 F (n,), (H2)."""
-    return dynamics.over_mass(t, q, dynamics.force(t, q, v))
-
-
-def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """f = M^-1 F (n,), (H2), and where the mass varies M^-1 (n*n,), packed into one vector."""
-    if dynamics.structure.mass != "variable":
-        return force_over_mass(dynamics, t, q, v)
-    force, inverse = dynamics.force(t, q, v), inverse_mass_at(dynamics, t, q)
-    return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
 
 
 def kkt_of(dynamics: Dynamics) -> Entries | None:

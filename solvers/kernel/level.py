@@ -6,10 +6,10 @@ import threading
 from typing import Any
 
 from hhtbench.lowering import Dynamics, NotNative
-from hhtbench.lowering.dynamics.kkt import Acceleration
-from solvers.kernel import acceleration
+from hhtbench.lowering.dynamics.kkt_rows import Acceleration
 from solvers.kernel import memory as mem
-from solvers.kernel.kkt import GOOD_START, of_full_matrices
+from solvers.kernel.compiled import shipped
+from solvers.kernel.full import GOOD_START, of_full_matrices
 from solvers.kernel.memory import copied, view
 
 
@@ -35,9 +35,9 @@ class CompiledLevel:
         self._codes, z = places.codes, places.memory
         view(z, mem.START_BOUNDS)[:] = GOOD_START
         self._place, self._lam, self._mu, self._vdot = (view(z, name) for name in (mem.PLACE, mem.LAM, mem.MU, mem.VDOT))
-        self._start, self._lock = acceleration.start.following(z), threading.Lock()
+        self._start, self._lock = shipped("start").following(z), threading.Lock()
         #: (rows [t, q, v, lam, mu], done): fills multipliers and marks rows; of many threads at once
-        self.recover = acceleration.recover.following(copied(z))
+        self.recover = shipped("recover").following(copied(z))
 
     def at(self, place: Any, guesses: Any) -> Acceleration | None:
         """Of the start at ``place``; None where it is not plainly good, or a guess is of another system."""

@@ -8,7 +8,7 @@ from hhtbench import System, load_problem
 from hhtbench.lowering import NotNative, derive, flattening
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.compile import compiling
-from hhtbench.lowering.dynamics import jax_dynamics, products
+from hhtbench.lowering.dynamics import matrix_free, products
 from problems.planar_chain import PlanarChain
 from solvers._projection import Projection
 from solvers.hht import HHT
@@ -112,8 +112,8 @@ def variable_moved(scene, tend, **accuracy):
 def test_a_large_system_moves_the_same_by_entries_of_a_variable_mass_and_by_full_matrices(make, tend, accuracy, monkeypatch):
     hht, sparse = variable_moved(make(), tend, **accuracy)
     assert "machine code, band matrix" in hht.engine_used
-    monkeypatch.setattr(jax_dynamics, "entries_at", lambda *_: None)
-    monkeypatch.setattr(jax_dynamics, "_entries", Cache(16))
+    monkeypatch.setattr(matrix_free, "entries_at", lambda *_: None)
+    monkeypatch.setattr(matrix_free, "_entries", Cache(16))
     forget_engines(monkeypatch)
     hht, full = variable_moved(make(), tend, **accuracy)
     assert "dense matrix" in hht.engine_used

@@ -13,7 +13,7 @@ from hhtbench.lowering.caching import Cache
 from solvers._projection import OneByOne
 from solvers.hht.run.projecting import smallest_changes
 from solvers.kernel import kkt
-from solvers.kernel.kkt import of_full_matrices
+from solvers.kernel.full import of_full_matrices
 from solvers.kernel.memory import copied
 from solvers.kernel.projection import project
 

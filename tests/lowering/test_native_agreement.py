@@ -24,7 +24,7 @@ from solvers.hht.equations.coefficients import Coefficients, Method
 from solvers.hht.equations.corrections import residual_of
 from solvers.hht.equations.discretise import step_residual_and_matrix
 from solvers.hht.equations.known import Layout
-from solvers.kernel.kkt import force_and_inverse_mass
+from solvers.kernel.full import force_and_inverse_mass
 from tests.lowering.native import in_loops
 from tests.lowering.xla import compiled
 

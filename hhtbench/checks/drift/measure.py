@@ -22,6 +22,7 @@ from hhtbench.checks.drift.energy import (
     power_of_state,
     with_middles,
 )
+from hhtbench.checks.result.levels import Rows, at_rows, declared_sizes
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol.arguments import Matrix, Vector
@@ -108,10 +109,10 @@ def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
     dynamics = derive(problem.system, float(t[0]), q[0], v[0])
     s = dynamics.structure
     names = _invariant_names(problem, float(t[0]), q[0], v[0])
-    s_q, s_v = (np.broadcast_to(np.asarray(x, dtype=np.float64), (s.n,)) for x in (problem.scales.q, problem.scales.v))
+    scaled, bare = _levels(problem, dynamics, (t, q, v))
     energetic = declared(problem.system, "energy") is not None
-    values = _in_chunks(state_terms, dynamics, (names, energetic), (t, q, v), (s_q, s_v))
-    levels, bare, energies, kept = np.split(values, [2, 4, 6], axis=1)
+    values = _in_chunks(state_terms, dynamics, (names, energetic), (t, q, v)) if names or energetic else np.zeros((0, 2))
+    energies, kept = np.split(values, [2], axis=1)
     own = own_at_steps(solution)
     acceleration, note = _acceleration(dynamics, own) if s.constrained else (None, None)
     energy = Balance(None, None)
@@ -121,11 +122,11 @@ def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
         sampled=sampled,
         t=t,
         h=np.abs(np.diff(t)) if sampled == "steps" else None,
-        position=levels[:, 0] if s.m else None,
-        velocity=levels[:, 1] if s.constrained else None,
+        position=np.max(scaled[:, : s.m], axis=1) if s.m else None,
+        velocity=np.max(scaled[:, s.m :], axis=1) if s.constrained else None,
         absolute={
-            "position_absolute": float(np.max(bare[:, 0])) if s.m else None,
-            "velocity_absolute": float(np.max(bare[:, 1])) if s.constrained else None,
+            "position_absolute": float(np.max(bare[:, : s.m])) if s.m else None,
+            "velocity_absolute": float(np.max(bare[:, s.m :])) if s.constrained else None,
         },
         energy=energy.drift,
         energy_note=energy.note,
@@ -135,26 +136,24 @@ def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
     )
 
 
-def state_terms(dynamics: Dynamics, names: Any, energetic: bool, t: Any, q: Any, v: Any, s_q: Any, s_v: Any) -> Any:
-    """Largest position and velocity drift, scaled and bare, energy, kinetic energy and the invariants, in one vector."""
-    s, xp = dynamics.structure, dynamics.xp
-    nothing = xp.zeros(1)
-    position, velocity, bare_position, bare_velocity = [nothing], [nothing], [nothing], [nothing]
-    if s.m:
-        jacobian, g = dynamics.constraint_jacobian(t, q), dynamics.constraint(t, q)
-        g_t = dynamics.constraint_time_derivative(t, q) if s.rheonomic else xp.zeros(s.m)
-        position.append(_relative(xp, g, xp.abs(jacobian) @ s_q))
-        velocity.append(_relative(xp, g_t + jacobian @ v, xp.abs(jacobian) @ s_v + xp.abs(g_t)))
-        bare_position.append(xp.abs(g))
-        bare_velocity.append(xp.abs(g_t + jacobian @ v))
-    if s.p:
-        k, size = dynamics.velocity_constraint(t, q, v), xp.abs(dynamics.velocity_constraint_jacobian(t, q, v)) @ s_v
-        velocity.append(_relative(xp, k, size))
-        bare_velocity.append(xp.abs(k))
-    levels = [xp.max(xp.concatenate(level)) for level in (position, velocity, bare_position, bare_velocity)]
+def _levels(problem: Problem, dynamics: Dynamics, rows: Rows) -> tuple[Matrix, Matrix]:
+    """Of g, the velocity level and k at every row, (k, 2m + p): how far they are off, scaled and bare."""
+    if not dynamics.structure.constrained:
+        return np.zeros((0, 0)), np.zeros((0, 0))
+    s_q, s_v = declared_sizes(problem)
+    t, q, v = rows
+    parts = [slice(i, i + CHUNK) for i in range(0, t.size, CHUNK)]
+    found = [at_rows(dynamics).measured((t[part], q[part], v[part]), (s_q, s_v, s_v)) for part in parts]
+    values, sizes = (np.concatenate(one) for one in zip(*found, strict=True))
+    return _relative(np, values, sizes), np.abs(values)
+
+
+def state_terms(dynamics: Dynamics, names: Any, energetic: bool, t: Any, q: Any, v: Any) -> Any:
+    """Energy, kinetic energy and the invariants, in one vector."""
+    xp = dynamics.xp
     energy = [dynamics.system.energy(t, q, v), v @ dynamics.mass(t, q) @ v / 2] if energetic else [0.0, 0.0]
     found = dynamics.system.invariants(t, q, v) if names else {}
-    return xp.stack([xp.asarray(value, dtype=float) for value in [*levels, *energy, *(found[name] for name in names)]])
+    return xp.stack([xp.asarray(value, dtype=float) for value in [*energy, *(found[name] for name in names)]])
 
 
 def row_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
@@ -166,28 +165,25 @@ def row_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> 
     return xp.concatenate([xp.abs(rows @ vdot + rest), xp.abs(rows) @ xp.abs(vdot) + xp.abs(rest)])
 
 
-def all_states(dynamics: Dynamics, terms: Any, static: Any, count: int, *arguments: Any) -> Any:
-    """``terms`` at every state: the first ``count`` arguments hold one row per state, the others are shared."""
-    varying, shared = arguments[:count], arguments[count:]
+def all_states(dynamics: Dynamics, terms: Any, static: Any, *rows: Any) -> Any:
+    """``terms`` at every state, of which the arguments hold one row each."""
 
     def one(*state: Any) -> Any:
-        return terms(dynamics, *static, *state, *shared)
+        return terms(dynamics, *static, *state)
 
     if dynamics.xp is jnp:
-        return jax.vmap(one)(*varying)
-    return np.array([one(float(row[0]), *row[1:]) for row in zip(*varying, strict=True)])
+        return jax.vmap(one)(*rows)
+    return np.array([one(float(row[0]), *row[1:]) for row in zip(*rows, strict=True)])
 
 
-def _in_chunks(
-    terms: Any, dynamics: Dynamics, static: Any, varying: tuple[Any, ...], shared: tuple[Any, ...] = ()
-) -> Matrix:
-    call = compile_function(all_states, dynamics, terms, static, len(varying), route="xla")  # one loop over all states
+def _in_chunks(terms: Any, dynamics: Dynamics, static: Any, varying: tuple[Any, ...]) -> Matrix:
+    call = compile_function(all_states, dynamics, terms, static, route="xla")  # one loop over all states
     count, found = varying[0].shape[0], []
     for start in range(0, count, CHUNK):
         rows = np.minimum(np.arange(start, start + CHUNK), count - 1)  # the last chunk is filled up with the last state
         if dynamics.xp is np:
             rows = rows[: count - start]
-        found.append(call(*(values[rows] for values in varying), *shared)[: count - start])
+        found.append(call(*(values[rows] for values in varying))[: count - start])
     return np.concatenate(found, axis=0)
 
 

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from hhtbench.checks.independent import independent
 from hhtbench.checks.problem.deviation import OWN_ERROR
 from hhtbench.checks.problem.reference import Probe, split
 from hhtbench.checks.problem.rows import attempt, not_measured
@@ -23,7 +24,6 @@ from hhtbench.lowering import (
     ConstraintLevels,
     Dynamics,
     compile_function,
-    reduce_redundant,
 )
 from hhtbench.lowering.dynamics.differences import derivative_along
 from hhtbench.protocol.arguments import Matrix, Vector
@@ -122,7 +122,8 @@ def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes
 
     Near rest the terms are roundoff; the largest kinetic energy per typical time [s] is the least size.
     """
-    dynamics = _independent(dynamics, motion[0])
+    reduced, _ = independent(dynamics, *motion[0])
+    dynamics = dynamics if reduced is None else reduced
     level, terms = AccelerationLevel(dynamics), compile_function(energy_terms, dynamics)
     found = []
     for i, place in enumerate([*motion, *_synthetic(dynamics, sizes, states)]):
@@ -166,15 +167,6 @@ def _consistent(levels: ConstraintLevels, t: float, q: Vector, v: Vector, sizes:
 def _least(rows: Matrix, value: Vector, size: Vector) -> Vector:
     """The least x in units of ``size`` with ``rows x = value``."""
     return np.asarray(size * np.linalg.lstsq(rows * size, value)[0], dtype=np.float64)
-
-
-def _independent(dynamics: Dynamics, place: Point) -> Any:
-    """The dynamics without redundant rows, whose multipliers no power can depend on; itself where there are none."""
-    if not dynamics.structure.constrained:
-        return dynamics
-    at = ConstraintLevels(dynamics, full=True).at(*place)
-    reduced = reduce_redundant(dynamics, at.rank.redundant) if at.rank.redundant else None
-    return dynamics if reduced is None else reduced
 
 
 def energy_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, vdot: Any, lam: Any, mu: Any) -> Any:

@@ -8,22 +8,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.differentiate import jacobian
 
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
-from hhtbench.lowering.dynamics.differences import EPS, derivative_along
+from hhtbench.lowering.dynamics.differences import derivative_along
 from hhtbench.lowering.dynamics.dynamics import evaluate
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.system import declared
 
-DIFFERENCE_STEP = 2.0**-10  # of the typical size: about eps**(1/5), best for fourth order; the first that is tried
+FIRST_STEP = 2.0**-8  # of the typical size
 HALVINGS = 20  # of that step at most: features down to a millionth of the typical size are seen
-AGREE = 1e-7, 1e-10  # of the row's largest derivative, of all its terms: differences this close need no smaller step
+AGREE = 1e-9, 1e-11  # relative, and of the row: differences this close need no smaller step
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Reference:
 
     value: dict[str, Vector]  #: part -> (rows,)
     differences: dict[str, Matrix]  #: part -> (rows, size of z)
-    errors: dict[str, Matrix]  #: of the differences: how far those of half and of twice the step are from them
+    errors: dict[str, Matrix]  #: of the differences: how far those of twice the step are from them
 
 
 def blocks(s: Structure) -> dict[str, slice]:
@@ -115,59 +115,19 @@ class References:
         return dict(zip(names, np.split(stacked, bounds[:-1]), strict=True)) if names else {}
 
     def _differences(self, state: Probe) -> tuple[Matrix, Matrix]:
-        """Fourth-order central differences, one column per entry of z, and their errors.
+        """Central differences, one column per entry of z, with steps that are halved until they agree; their errors."""
 
-        The step is halved until truncation and roundoff are small together, or the best of all steps is taken.
-        """
-        steps = DIFFERENCE_STEP * self.scales
-        steps = np.where((state.z + steps) - state.z == 0, steps, (state.z + steps) - state.z)  # exactly representable
-        size = np.abs(np.asarray(self._values(state.z, state.x)))[:, None]
-        wide, found, noise = self._changes(state, 2 * steps), [], []
-        for halving in range(HALVINGS):
-            near = self._changes(state, steps / 2**halving)
-            found.append((8 * near - wide) / (12 * steps / 2**halving))
-            wide = near
-            noise.append(self._noise(state, size, found[0]) * self.scales / steps * 2**halving)
-            if len(found) < 3:
-                continue
-            best, error = self._best(found, noise)
-            row = np.abs(best * self.scales)
-            if np.all(error <= AGREE[0] * self._widest(row) + AGREE[1] * (row.max(axis=1, keepdims=True) + size)):
-                break
-        return best, error / self.scales
+        def values(x: Any) -> Any:  # where z has moved by x (size, ...), in typical sizes
+            points = (state.z[:, None] + self.scales[:, None] * x.reshape(len(x), -1)).T
+            found = [np.asarray(self._values(point.copy(), state.x)) for point in points]
+            return np.stack(found, axis=-1).reshape(-1, *x.shape[1:])
 
-    def _changes(self, state: Probe, steps: Vector) -> Matrix:
-        """f(z + step) - f(z - step) along every entry of z."""
-        sides = ((_moved(state.z, j, step), _moved(state.z, j, -step)) for j, step in enumerate(steps))
-        return np.stack([np.subtract(*(self._values(z, state.x) for z in pair)) for pair in sides], axis=1)
-
-    def _noise(self, state: Probe, size: Matrix, jacobian: Matrix) -> Matrix:
-        """Roundoff of every row, (rows, 1): of its value and of z, whose digits may cancel in it, estimated by J."""
-        terms = np.abs(jacobian) * np.maximum(np.abs(state.z), self.scales)
-        noise = EPS * (size + np.fmax.reduce(terms, axis=1, keepdims=True))
-        if self.from_differences and "constraint" in self.names:  # the velocity level is itself a difference
-            parts = self._split(self.names, noise)
-            np.maximum(parts["constraint_velocity"], parts["constraint"] / DIFFERENCE_STEP, out=parts["constraint_velocity"])
-        return noise
-
-    def _best(self, found: list[Matrix], noise: list[Matrix]) -> tuple[Matrix, Matrix]:
-        """Of differences with ever smaller steps those whose neighbours are nearest, row by row of each block; how near."""
-        with np.errstate(invalid="ignore"):
-            apart = [self._widest(np.abs(b - a) * self.scales) for a, b in pairwise(found)]
-        error = np.maximum([np.maximum(*near) for near in pairwise(apart)], noise[1:-1])
-        error = np.where(np.isnan(error), np.inf, error)  # where the function is not defined
-        best = np.argmin(error, axis=0)[None]
-        return np.take_along_axis(np.array(found[1:-1]), best, axis=0)[0], np.take_along_axis(error, best, axis=0)[0]
-
-    def _widest(self, matrix: Matrix) -> Matrix:
-        """The largest entry in each row of each block, in all places of it: one small entry may be chance."""
-        result = np.zeros_like(matrix)
-        for where in blocks(self.structure).values():
-            result[:, where] = np.max(matrix[:, where], axis=1, keepdims=True, initial=0.0)
-        return result
-
-
-def _moved(z: Any, j: int, step: Any) -> Any:
-    moved = z.copy()
-    moved[j] += step
-    return moved
+        near = values(FIRST_STEP * np.hstack([np.eye(state.z.size), -np.eye(state.z.size), 0.0 * state.z[:, None]]))
+        forward, backward, at = np.split(near, [state.z.size, 2 * state.z.size], axis=1)
+        size = np.abs(at) + np.fmax.reduce(np.abs(forward - backward), axis=1, keepdims=True) / FIRST_STEP
+        size = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
+        options: Any = {"initial_step": FIRST_STEP, "maxiter": HALVINGS, "tolerances": {"rtol": AGREE[0], "atol": AGREE[1]}}
+        with np.errstate(all="ignore"):
+            found = jacobian(lambda x: values(x) / size.reshape(-1, *[1] * (x.ndim - 1)), 0.0 * state.z, order=4, **options)
+        unit = size / self.scales
+        return found.df * unit, np.where(np.isfinite(found.error), found.error, np.inf) * unit  # inf: not defined there

@@ -21,8 +21,9 @@ from hhtbench.lowering import (
     Misfit,
     asymmetry,
     mass_is_singular,
+    reduce_redundant,
 )
-from hhtbench.lowering.dynamics.kkt import Acceleration
+from hhtbench.lowering.dynamics.kkt_rows import Acceleration
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Row
 from hhtbench.protocol.system import Problem
@@ -62,22 +63,13 @@ def examine(dynamics: Dynamics, problem: Problem, sizes: Sizes) -> Start:
     fault = next(filter(None, (levels.fault, rank.fault, solved.fault)), "")
     regular = found is not None and not found.singular
     if found is not None and not regular and rank.value is not None and rank.value.redundant:
-        regular = _regular_without(
-            AccelerationLevel(dynamics, full=True).terms(t, q, v, _packed(found))[1], s.n, rank.value.redundant
-        )
+        reduced = reduce_redundant(dynamics, rank.value.redundant)
+        regular = reduced is not None and not AccelerationLevel(reduced).solve(t, q, v).singular
     return Start(s.n, s.m, s.p, levels.value, rank.value, found, imbalance, fault, regular)
 
 
 def _packed(found: Acceleration) -> Vector:
     return np.concatenate([found.vdot, found.lam, found.mu])
-
-
-def _regular_without(matrix: Matrix, n: int, rows: tuple[int, ...]) -> bool:
-    """Whether the KKT matrix is regular once the redundant rows of [g; k] are left out."""
-    kept = np.delete(np.arange(len(matrix)), [n + i for i in rows])
-    matrix = matrix[np.ix_(kept, kept)]
-    size = np.sqrt(np.maximum(np.abs(matrix).max(axis=1), np.finfo(float).tiny))
-    return bool(np.linalg.matrix_rank(matrix / np.outer(size, size), tol=DEPENDENT) == len(matrix))
 
 
 def _accelerations(

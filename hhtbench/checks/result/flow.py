@@ -13,8 +13,9 @@ import numpy as np
 from scipy.integrate import DOP853
 from scipy.linalg import lapack
 
+from hhtbench.checks.independent import independent
 from hhtbench.checks.jumps import find_jumps
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive, reduce_redundant
+from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
 from hhtbench.protocol.arguments import Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.system import Problem
@@ -34,15 +35,11 @@ class Equations:
         if self.jumps.declined:
             raise NotJudged(self.jumps.declined)
         t, q, v = problem.t_span[0], problem.q0, problem.v0
-        dynamics: Any = derive(problem.system, t, q, v)
-        whole = dynamics
-        self._levels: ConstraintLevels | None = None
-        if dynamics.structure.constrained:
-            rank = ConstraintLevels(dynamics, full=True).at(t, q, v).rank
-            reduced = reduce_redundant(dynamics, rank.redundant) if rank.redundant else dynamics
-            if reduced is None:
-                raise NotJudged("its constraints are redundant, and a declared reaction may depend on every multiplier")
-            dynamics, self._levels = reduced, ConstraintLevels(reduced, full=True)
+        whole = derive(problem.system, t, q, v)
+        dynamics, _ = independent(whole, t, q, v)
+        if dynamics is None:
+            raise NotJudged("its constraints are redundant, and a declared reaction may depend on every multiplier")
+        self._levels = ConstraintLevels(dynamics, full=True) if dynamics.structure.constrained else None
         self._level, self._n = AccelerationLevel(dynamics), q.size
         self._whole = self._level if whole is dynamics else AccelerationLevel(whole)  # with all of redundant constraints
         self._sizes = dynamics.structure.m, dynamics.structure.p

@@ -5,9 +5,7 @@ How far rows are off is measured by the bench; here only whether it can be belie
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from itertools import accumulate
-from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,15 +31,6 @@ BESIDE = 1e-3  # of the largest component: solvers measure the errors of small o
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 _known = Cache(16)
-
-
-class Levels(NamedTuple):
-    """One kind of constraint at some rows."""
-
-    name: str
-    values: Matrix  #: (k, number of constraints)
-    sizes: Matrix  #: the same, what Jacobians make of typical sizes
-    bound: float  #: the largest violation, in units of its size, that is believed
 
 
 def believable(request: Request) -> float:
@@ -76,28 +65,32 @@ def violated(
         No further row of such a system is checked when its time is over.
     """
     dynamics = derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
-    if not (dynamics.structure.constrained and rows[0].size):
+    s = dynamics.structure
+    if not (s.constrained and rows[0].size):
         return ""
-    at: AtRows = _known.find(by_id(dynamics), lambda: AtRows(dynamics))
-    try:
-        t, found = at.levels(problem, believable(request), rows, deep, clock)
+    at, bound = at_rows(dynamics), believable(request)
+    fast = SLOW_ROWS if at.slow else max(SLOW_ROWS, NUMBERS // (s.n * (s.m + s.p)))
+    limit = CHECKED_ROWS if deep else min(CHECKED_ROWS, fast)
+    if len(rows[0]) > limit:
+        some = spread(len(rows[0]), limit)
+        rows = rows[0][some], rows[1][some], rows[2][some]
+    t, q, v = (np.ascontiguousarray(part, dtype=np.float64) for part in rows)
+    s_q, s_v = declared_sizes(problem)
+    try:  # forms of index 3 and 1 do not keep the velocity level: it is measured by the velocities that there are
+        values, sizes = at.measured((t, q, v), (s_q, s_v, _moving(v, s_v)), clock)
     except NonFiniteValue as error:
         return f"constraints: {error}."
-    for levels in found:
-        if doubt := _beyond(levels, t):
-            return doubt
-    return ""
-
-
-def _beyond(levels: Levels, t: Vector) -> str:
-    """The largest violation, as a sentence; "" where it is within the bound."""
-    over = np.abs(levels.values) / np.where(levels.sizes > 0.0, levels.sizes, 1.0)
-    if np.maximum.reduce(over, axis=None) <= levels.bound:
+    over = np.abs(values) / np.where(sizes > 0.0, sizes, 1.0)
+    bounds = np.array([bound] * s.m + [BELIEVABLE] * s.m + [bound] * s.p)
+    if np.count_nonzero(over <= bounds) == over.size:
         return ""
-    row, i = np.unravel_index(int(np.argmax(over)), over.shape)  # the first that is not a number, if there is one
+    row, i = np.unravel_index(int(np.argmax(over / bounds)), over.shape)  # the first that is not a number, if there is one
+    name = (
+        f"k[{i - 2 * s.m}]" if i >= 2 * s.m else f"g[{i}]" if i < s.m else f"the velocity level g_t + g_q v of g[{i - s.m}]"
+    )
     return (
-        f"constraints: {levels.name.format(i)} is violated by up to {over[row, i]:.2g} of its size, most at "
-        f"t = {t[row]:.17g}; up to {levels.bound:.2g} is believed."
+        f"constraints: {name} is violated by up to {over[row, i]:.2g} of its size, most at t = {t[row]:.17g}; "
+        f"up to {bounds[i]:.2g} is believed."
     )
 
 
@@ -106,100 +99,66 @@ class AtRows:
 
     def __init__(self, dynamics: Dynamics) -> None:
         s = dynamics.structure
-        self.n, self.m, self.p = n, m, p = s.n, s.m, s.p
+        self._n, self._m, self._p = s.n, s.m, s.p
         self._at = ConstraintLevels(dynamics)
         self._terms = self._at.at_rows()
-        ends = list(accumulate((m, m, m * n, p, p * n, m)))
-        #: where machine code puts g, g_t, g_q, k, k_v and g_t + g_q v
-        self._g, self._g_t, self._g_q, self._k, self._k_v, self._drift = map(slice, [0, *ends], ends)
+        self.slow = self._terms is None  #: a row costs as much as a residual
 
-    def levels(
-        self, problem: Problem, bound: float, rows: Rows, deep: bool, clock: Clock | None
-    ) -> tuple[Vector, list[Levels]]:
-        """The times of the rows that are checked, of many more if ``deep``, and what is not plainly within its bound."""
-        fast = SLOW_ROWS if self._terms is None else max(SLOW_ROWS, NUMBERS // (self.n * (self.m + self.p)))
-        limit = CHECKED_ROWS if deep else min(CHECKED_ROWS, fast)
-        if len(rows[0]) > limit:
-            some = spread(len(rows[0]), limit)
-            rows = rows[0][some], rows[1][some], rows[2][some]
-        t, q, v = _numbers(rows[0]), _numbers(rows[1]), _numbers(rows[2])
-        if self._terms is None:
-            return t, self._one_by_one(problem, bound, (t, q, v), clock)
-        found = self._terms(t, q, v)
-        return t, [] if self._plainly_hold(problem, bound, found) else self._together(problem, bound, v, found)
+    def measured(
+        self, rows: Rows, typical: tuple[Vector, Vector, Vector], clock: Clock | None = None
+    ) -> tuple[Matrix, Matrix]:
+        """g, g_t + g_q v and k at ``rows``, and what Jacobians make of ``typical`` sizes there, (k, 2m + p) each.
 
-    def _plainly_hold(self, problem: Problem, bound: float, found: Matrix) -> bool:
-        """Whether all constraints hold by the declared scales, in a third of the time that it takes to find the largest."""
-        n, m, p, count = self.n, self.m, self.p, len(found)
-        allowed, held = np.empty((n, 2)), 0
-        sizes: Any
-        allowed[:, 0], allowed[:, 1] = problem.scales.q, problem.scales.v
-        allowed *= bound
-        found = np.abs(found)
-        if m:
-            sizes = (found[:, self._g_q].reshape(-1, n) @ allowed).reshape(count, m, 2)
-            held += int(np.count_nonzero(found[:, self._g] <= sizes[:, :, 0]))
-            held += int(np.count_nonzero(found[:, self._drift] <= sizes[:, :, 1]))
-        if p:
-            sizes = (found[:, self._k_v].reshape(-1, n) @ allowed[:, 1]).reshape(count, p)
-            held += int(np.count_nonzero(found[:, self._k] <= sizes))
-        return held == count * (2 * m + p)
-
-    def _together(self, problem: Problem, bound: float, v: Matrix, found: Matrix) -> list[Levels]:
-        """Of what machine code has ``found`` at every row."""
-        s_q, s_v, fastest = _sizes(problem, v)
-        of_g, of_k = (np.abs(found[:, part]).reshape(len(found), -1, self.n) for part in (self._g_q, self._k_v))
-        values = found[:, self._g], found[:, self._drift], found[:, self._k]
-        return _of_kinds(values, (of_g @ s_q, of_g @ fastest + np.abs(found[:, self._g_t]), of_k @ s_v), bound)
-
-    def _one_by_one(self, problem: Problem, bound: float, rows: Rows, clock: Clock | None) -> list[Levels]:
-        """The same in Python."""
-        m, (s_q, s_v, fastest) = self.m, _sizes(problem, rows[2])
-        values, sizes = np.zeros((2, rows[0].size, 2 * m + self.p))
+        These are of q, of v in k, and of v in the velocity level of g, (n,) each.  Rows beyond the time of ``clock`` are 0.
+        """
+        if self._terms is not None:
+            return self._together(self._terms(*rows), typical)
+        s_q, s_k, s_v = typical
+        values, sizes = np.zeros((2, rows[0].size, 2 * self._m + self._p))
         for row, (t, q, v) in enumerate(zip(rows[0].tolist(), *rows[1:], strict=True)):
             if clock is not None and clock.left() < 0.0:
                 break
             at = self._at.at(t, q, v)
             jacobian = np.abs(at.position_jacobian)
             values[row] = np.concatenate([at.position, at.velocity_drift])
-            of_velocity = jacobian @ fastest + np.abs(at.time_derivative)
-            sizes[row] = np.concatenate([jacobian @ s_q, of_velocity, np.abs(at.velocity_jacobian) @ s_v])
-        parts = [m, 2 * m]
-        return _of_kinds(np.split(values, parts, axis=1), np.split(sizes, parts, axis=1), bound)
+            of_velocity = jacobian @ s_v + np.abs(at.time_derivative)
+            sizes[row] = np.concatenate([jacobian @ s_q, of_velocity, np.abs(at.velocity_jacobian) @ s_k])
+        return values, sizes
+
+    def _together(self, found: Matrix, typical: tuple[Vector, Vector, Vector]) -> tuple[Matrix, Matrix]:
+        """Of what machine code has ``found``: g, g_t, g_q, k, k_v and the velocity level."""
+        n, m, p = self._n, self._m, self._p
+        ends = list(accumulate((m, m, m * n, p, p * n, m + p)))
+        g, g_t, g_q, _, k_v, drift = (found[:, i:j] for i, j in zip([0, *ends], ends, strict=False))
+        of_g = (np.abs(g_q).reshape(-1, n) @ np.array(typical[::2]).T).reshape(len(found), m, 2)
+        of_k = (np.abs(k_v).reshape(-1, n) @ typical[1]).reshape(len(found), p)
+        sizes = of_g[:, :, 0], of_g[:, :, 1] + np.abs(g_t), of_k
+        return np.concatenate([g, drift], axis=1), np.concatenate(sizes, axis=1)
 
 
-def _of_kinds(values: Sequence[Matrix], sizes: Sequence[Matrix], bound: float) -> list[Levels]:
-    """Of position constraints, of their velocity level and of velocity constraints, as far as there are any."""
-    names, bounds = ("g[{}]", "the velocity level g_t + g_q v of g[{}]", "k[{}]"), (bound, BELIEVABLE, bound)
-    return [Levels(*one) for one in zip(names, values, sizes, bounds, strict=True) if one[1].size]
+def at_rows(dynamics: Dynamics) -> AtRows:
+    """Remembered."""
+    found: AtRows = _known.find(by_id(dynamics), lambda: AtRows(dynamics))
+    return found
 
 
-def _numbers(part: Any) -> Any:
-    """``part`` of the rows as float64 that follow one another in every row."""
-    if part.dtype == np.float64 and part.strides[-1] == part.itemsize:
-        return part
-    return np.ascontiguousarray(part, dtype=np.float64)
-
-
-def _sizes(problem: Problem, v: Matrix) -> tuple[Vector, Vector, Vector]:
-    """Typical sizes of q and v, and of the velocities that the rows ``v`` (k, n) have, (n,) each.
-
-    Forms of index 3 and 1 do not keep the velocity level: it is measured by the last.
-    """
+def declared_sizes(problem: Problem) -> tuple[Vector, Vector]:
+    """The scales of q and of v, (n,) each."""
     s_q, s_v = np.zeros((2, problem.q0.size))
     s_q += problem.scales.q
     s_v += problem.scales.v
-    fastest = np.maximum(np.maximum.reduce(np.abs(v), axis=0), s_v)
-    return s_q, s_v, np.maximum(fastest, BESIDE * np.maximum.reduce(fastest))
+    return s_q, s_v
 
 
 def sizes_of(problem: Problem, q: Matrix, v: Matrix) -> Vector:
     """Typical sizes of y = [q, v] (2n,): the largest of the rows ``q`` and ``v`` (k, n), or the declared scales."""
-    n, parts = problem.q0.size, []
-    for rows, scale in ((q, problem.scales.q), (v, problem.scales.v)):
-        size = np.maximum(np.max(np.abs(rows), axis=0), np.broadcast_to(np.asarray(scale, dtype=np.float64), (n,)))
-        parts.append(np.maximum(size, BESIDE * np.max(size)))
-    return np.concatenate(parts)
+    return np.concatenate([_moving(*pair) for pair in zip((q, v), declared_sizes(problem), strict=True)])
+
+
+def _moving(rows: Matrix, declared: Vector) -> Vector:
+    """The largest of ``rows`` (k, n) or the ``declared`` sizes, (n,)."""
+    size = np.maximum(np.maximum.reduce(np.abs(rows), axis=0), declared)
+    return np.maximum(size, BESIDE * np.maximum.reduce(size))
 
 
 def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | None = None) -> str:
@@ -211,15 +170,14 @@ def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | 
     unknown = np.flatnonzero(solution.unknown)
     if not unknown.size:
         return ""
-    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0))
+    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0), full=True)
     size = sizes_of(problem, solution.q, solution.v)[levels.structure.n :]
 
     def rows_at(i: int) -> Matrix:
-        rows = levels.at(float(solution.t[i]), solution.q[i], solution.v[i]).rows
-        return _full(rows) * size
+        return np.asarray(levels.at(float(solution.t[i]), solution.q[i], solution.v[i]).rows * size)
 
     try:
-        start = _full(levels.at(problem.t_span[0], problem.q0, problem.v0).rows) * size
+        start = levels.at(problem.t_span[0], problem.q0, problem.v0).rows * size
         places = [start, *map(rows_at, np.linspace(0, solution.t.size - 1, ELSEWHERE).round().astype(int).tolist())]
         largest = np.max([np.max(np.abs(rows), axis=1) for rows in places], axis=0)[:, None]
         over = np.where(largest > 0.0, largest, 1.0)
@@ -237,10 +195,6 @@ def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | 
     except NonFiniteValue as error:
         return f"constraints: {error}."
     return ""
-
-
-def _full(rows: Matrix) -> Matrix:
-    return np.asarray(rows.toarray() if hasattr(rows, "toarray") else rows)
 
 
 def _singular_values(rows: Matrix) -> Vector:

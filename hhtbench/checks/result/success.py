@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.checks.result.levels import sizes_of, unknown_without_reason, violated
-from hhtbench.lowering import CONSISTENT, AccelerationLevel, ConstraintLevels, derive
+from hhtbench.lowering import CONSISTENT, ConstraintLevels, derive
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.system import Problem
@@ -256,6 +256,8 @@ def _rests(problem: Problem, solution: Solution) -> str:
     t, q, v = solution.t, solution.q, solution.v
     if t[0] == t[-1] or not (np.all(q == q[0]) and np.all(v == v[0])):
         return ""
+    from hhtbench.lowering import AccelerationLevel  # hardly a result rests
+
     rates, size = [v[0]], np.split(sizes_of(problem, q, v), 2)
     dynamics = derive(problem.system, float(t[0]), q[0], v[0])
     with suppress(NonFiniteValue):

@@ -84,17 +84,12 @@ class Inner:
         return self.function(*arguments)
 
 
-class Entry(Inner):
-    """A function that Python calls.  Its arguments go over as a row of eight-byte words.
+class Shipped:
+    """A compiled function, called without importing its source.  Its arguments go over as a row of eight-byte words."""
 
-    ``entry.function`` is the same as plain Python.
-    """
-
-    def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...]) -> None:
-        super().__init__(function, lambda: _dispatcher(function, {}))
-        self.folder, self.sources = folder, sources
+    def __init__(self, name: str, folder: Path, sources: tuple[Path, ...]) -> None:
+        self.__name__, self.folder, self.sources = name, folder, sources
         self._ready: tuple[str, Any, Any] | None = None
-        ENTRIES.append(self)
 
     def __call__(self, *arguments: Any) -> int:
         """The whole number that it returns; 0 for None.
@@ -138,7 +133,7 @@ class Entry(Inner):
         """What its arguments are in words, and object code for this machine."""
         manifest = json.loads((self.folder / MANIFEST).read_text())
         if manifest["content"] != content_of(self.sources):
-            raise RuntimeError(f"the sources of {self.__module__} have changed since they were compiled: run `make loops`.")
+            raise RuntimeError(f"the sources of {self.folder} have changed since they were compiled: run `make loops`.")
         made = manifest["entries"][self.__name__]
         here = f"{platform.machine()}-{platform.system()}".lower()
         kind = here if here in made["files"] else BITCODE
@@ -152,6 +147,15 @@ class Entry(Inner):
     def _generated(self, bitcode: bytes) -> bytes:
         with preparing(f"generating the loop {self.__name__}"):
             return from_bitcode(bitcode)
+
+
+class Entry(Shipped, Inner):
+    """A function that Python calls compiled; ``entry.function`` is the same as plain Python."""
+
+    def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...]) -> None:
+        Shipped.__init__(self, function.__name__, folder, sources)
+        Inner.__init__(self, function, lambda: _dispatcher(function, {}))
+        ENTRIES.append(self)
 
 
 def in_words(values: tuple[Any, ...], words: list[Any]) -> str:

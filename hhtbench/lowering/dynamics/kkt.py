@@ -8,7 +8,6 @@ starts at the guess and so picks the root.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.dynamics.dynamics import Dynamics
-from hhtbench.lowering.dynamics.kkt_rows import kkt_residual, kkt_terms
+from hhtbench.lowering.dynamics.kkt_rows import Acceleration, kkt_residual, kkt_terms
 from hhtbench.lowering.dynamics.products import large
 from hhtbench.protocol.arguments import Matrix, Vector
 
@@ -27,18 +26,6 @@ MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor gue
 CONVERGED = 1e-13  # last increment relative to the unknowns
 STAGNATION = 1e-9  # increments that no longer shrink below this are roundoff
 NARROW = 64  # diagonals up to which a band takes less time: that of a chain a third of SuperLU's
-
-
-@dataclass(frozen=True)
-class Acceleration:
-    """Result of the acceleration level at one point."""
-
-    vdot: Vector  #: (n,) [m/s^2, rad/s^2]
-    lam: Vector  #: (m,) [N, N m]
-    mu: Vector  #: (p,) [N, N m]
-    converged: bool  #: False: the matrix is singular, or no multipliers of a nonlinear reaction were found from the guess
-    singular: bool  #: the KKT matrix is singular here
-    weakest: float = 1.0  #: least pivot of a sparse KKT matrix over its largest: small where it is nearly singular
 
 
 class AccelerationLevel:

@@ -1,10 +1,24 @@
-"""The KKT system of the acceleration level, (H16) of THEORY.md: its residual, and its matrix."""
+"""The KKT system of the acceleration level, (H16) of THEORY.md: its residual, its matrix, and what solves it."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from hhtbench.lowering.dynamics.dynamics import Dynamics
+from hhtbench.protocol.arguments import Vector
+
+
+@dataclass(frozen=True)
+class Acceleration:
+    """Result of the acceleration level at one point."""
+
+    vdot: Vector  #: (n,) [m/s^2, rad/s^2]
+    lam: Vector  #: (m,) [N, N m]
+    mu: Vector  #: (p,) [N, N m]
+    converged: bool  #: False: the matrix is singular, or no multipliers of a nonlinear reaction were found from the guess
+    singular: bool  #: the KKT matrix is singular here
+    weakest: float = 1.0  #: least pivot of a sparse KKT matrix over its largest: small where it is nearly singular
 
 
 def kkt_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, x: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
 import numpy as np
 import scipy.sparse as sp
@@ -14,8 +14,10 @@ from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.lowering.compile.routes import route_of, too_large
 from hhtbench.lowering.dynamics.dynamics import Dynamics
 from hhtbench.lowering.dynamics.products import large
-from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank
 from hhtbench.protocol.arguments import Matrix, Vector
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.rank import ConstraintRank
 
 CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solvers and for the check: eight digits of data
 
@@ -49,6 +51,8 @@ class Levels:
     @cached_property
     def rank(self) -> ConstraintRank:
         """Of [g_q; k_v]."""
+        from hhtbench.lowering.dynamics.rank import constraint_rank  # starts that are plainly good are not asked for it
+
         return constraint_rank(self.rows)
 
     @cached_property

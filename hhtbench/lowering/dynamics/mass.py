@@ -13,7 +13,6 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import LinearOperator, norm, onenormest
 
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.compile.banded import factor_banded, solve_banded
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.protocol.arguments import Matrix, Vector
 
@@ -120,6 +119,8 @@ class BandInverse(eqx.Module):
 
     def __matmul__(self, x: Any) -> Any:
         """The product with a vector (n,)."""
+        from hhtbench.lowering.compile.banded import solve_banded  # few masses are bands
+
         return solve_banded(self.factors, x[self.order])[np.argsort(self.order)]
 
 
@@ -145,6 +146,8 @@ class Entries(eqx.Module):
 
     def inverse(self, matrix: Sparse, xp: Any) -> BandInverse:
         """Of a ``matrix`` with these entries, NaN where it is not positive definite; pure array code."""
+        from hhtbench.lowering.compile.banded import factor_banded  # likewise
+
         band = xp.append(matrix.values.ravel(), 0.0)[self.places]
         return BandInverse(factor_banded(band), self.order)
 

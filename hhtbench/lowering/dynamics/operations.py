@@ -17,8 +17,8 @@ from hhtbench.lowering.compile.coloured import Indices, find_pattern
 from hhtbench.lowering.compile.routes import MOST_UNKNOWNS, route_of
 from hhtbench.lowering.dynamics.derive import derive
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
-from hhtbench.lowering.dynamics.jax_dynamics import kkt_entries
 from hhtbench.lowering.dynamics.kkt_rows import kkt_residual, kkt_terms
+from hhtbench.lowering.dynamics.matrix_free import kkt_entries
 from hhtbench.lowering.dynamics.products import matrix_free
 from hhtbench.lowering.scalar_compiler import NotNative, count_operations, places_of
 from hhtbench.protocol.arguments import Vector

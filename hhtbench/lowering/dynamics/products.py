@@ -9,7 +9,7 @@ import numpy as np
 from hhtbench.lowering.dynamics.dynamics import Dynamics
 
 if TYPE_CHECKING:
-    from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree
+    from hhtbench.lowering.dynamics.matrix_free import MatrixFree
 
 FULL = 32  # unknowns n + m + p up to which formulas of full matrices are the fastest
 LARGE = 400  # unknowns n + m + p of the acceleration level from which the start works with sparse matrices too
@@ -19,7 +19,7 @@ def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
     """``dynamics`` without dense matrices; None: no JAX system, a mass that fills, is singular, varies in a small one."""
     if dynamics.xp is np:
         return None
-    from hhtbench.lowering.dynamics.jax_dynamics import products_of
+    from hhtbench.lowering.dynamics.matrix_free import products_of
 
     return products_of(dynamics)
 

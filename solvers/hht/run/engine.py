@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from hhtbench.lowering import Dynamics, compile_function, derive
-from hhtbench.lowering.dynamics.jax_dynamics import VariableMass
 from hhtbench.lowering.dynamics.mass import plain_mass
+from hhtbench.lowering.dynamics.matrix_free import VariableMass
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.protocol.system import NumpySystem, System, declared
@@ -29,7 +29,7 @@ from solvers.hht.run.loops import Loops
 from solvers.hht.run.march import march, take, try_step
 from solvers.hht.step.state import State
 from solvers.kernel import memory as mem
-from solvers.kernel.kkt import force_and_inverse_mass, force_over_mass
+from solvers.kernel.full import force_and_inverse_mass, force_over_mass
 
 ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
 SHIFTED = ("shifted", "corrected")  # starts with an a0 that is looked at elsewhere

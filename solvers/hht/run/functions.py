@@ -19,7 +19,7 @@ from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.dynamics import innermost
 from hhtbench.lowering.dynamics.foreign import foreign
 from hhtbench.lowering.dynamics.foreign_products import ForeignProducts, foreign_products
-from hhtbench.lowering.dynamics.jax_dynamics import SMALL, MatrixFree
+from hhtbench.lowering.dynamics.matrix_free import SMALL, MatrixFree
 from hhtbench.lowering.dynamics.products import matrix_free
 from solvers._finite import inverse_mass_at
 from solvers.hht.equations.coefficients import Method
@@ -39,7 +39,8 @@ from solvers.hht.equations.local_error import REMEMBERED, answer, raw_errors, sc
 from solvers.hht.equations.methods import equations_of
 from solvers.hht.step.newton import NewtonOptions
 from solvers.kernel import memory as mem
-from solvers.kernel.kkt import level_functions, levels
+from solvers.kernel.full import level_functions
+from solvers.kernel.kkt import levels
 from solvers.kernel.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.kernel.memory import CONTROL_NUMBERS, Memory, Sizes, copied
 

@@ -27,7 +27,7 @@ from solvers.hht.step.attempt import LEAP
 from solvers.hht.step.state import ControlMemory, Factorised, State
 from solvers.kernel import memory as mem
 from solvers.kernel.acceleration import start
-from solvers.kernel.kkt import GOOD_START
+from solvers.kernel.full import GOOD_START
 from solvers.kernel.memory import HIGHEST, Memory, integer_view, view
 
 UNLIMITED = 2**62

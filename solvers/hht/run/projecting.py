@@ -11,7 +11,7 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, NotNative
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.dynamics.jax_dynamics import MatrixFree, conjugate
+from hhtbench.lowering.dynamics.matrix_free import MatrixFree, conjugate
 from hhtbench.lowering.dynamics.products import paying_products
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent
@@ -21,7 +21,8 @@ from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.kernel import memory as mem
 from solvers.kernel.blocks import FEW, FIRST, in_blocks
-from solvers.kernel.kkt import Places, by_entries, of_full_matrices, places_of, reacts_across
+from solvers.kernel.full import Places, of_full_matrices
+from solvers.kernel.kkt import by_entries, places_of, reacts_across
 from solvers.kernel.memory import copied
 from solvers.kernel.projection import project
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
 import weakref
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import cython_lapack
 from scipy.sparse.linalg import splu
 
 from hhtbench.lowering import Native
@@ -17,6 +15,7 @@ from hhtbench.lowering.compile.coloured import Indices, Pattern
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol.arguments import Vector
 from solvers.kernel import memory as mem
+from solvers.kernel.full import address_of
 from solvers.kernel.linear.matrix import PRODUCT
 from solvers.kernel.linear.order import Order, find_order
 from solvers.kernel.memory import Memory, Sizes, allocate, integer_view, view
@@ -217,13 +216,3 @@ def chosen(entries: Analysis, linsolver: str, *, measured: bool) -> Analysis:
     if measured and min(filled, order.storage) > CROWDED * size * size:
         return replace(entries, reason=f"{filled} entries of {size} x {size} fill in")
     return band if order.storage <= BAND_GAIN * filled else replace(sparse, reason=f"{shape}; SuperLU fills {filled}")
-
-
-def address_of(name: str) -> int:
-    """Of SciPy's LAPACK routine ``name``: integers are of 32 bits, every argument goes by its address."""
-    routines: Any = cython_lapack.__pyx_capi__
-    capsule = routines[name]
-    get_name, get_pointer = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
-    get_name.restype, get_name.argtypes = ctypes.c_char_p, [ctypes.py_object]
-    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
-    return int(get_pointer(capsule, get_name(capsule)))

@@ -1,0 +1,17 @@
+"""A system without the constraints that depend on others: what determines its motion."""
+
+from __future__ import annotations
+
+from hhtbench.lowering import ConstraintLevels, Dynamics, reduce_redundant
+from hhtbench.protocol.arguments import Vector
+
+
+def independent(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> tuple[Dynamics | None, tuple[int, ...]]:
+    """``dynamics`` without the rows of [g; k] that are redundant at (t, q, v), and these rows.
+
+    None where a declared reaction may depend on every multiplier.
+    """
+    if not dynamics.structure.constrained:
+        return dynamics, ()
+    redundant = ConstraintLevels(dynamics, full=True).at(t, q, v).rank.redundant
+    return reduce_redundant(dynamics, redundant) if redundant else dynamics, redundant

@@ -1,0 +1,99 @@
+"""Machine code of a small system at any place, and memory of the loops for it: acceleration level, starts, projection.
+
+Their linear systems are full, and solved by LAPACK; those of large systems are in :mod:`~solvers.kernel.kkt`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import cython_lapack
+
+from hhtbench.lowering import CONSISTENT, Dynamics, Native, native
+from hhtbench.lowering.dynamics.kkt_rows import kkt_terms
+from hhtbench.lowering.dynamics.levels import level_terms
+from hhtbench.lowering.dynamics.mass import SINGULAR, SYMMETRIC
+from hhtbench.protocol.arguments import Vector
+from solvers._finite import inverse_mass_at
+from solvers.kernel import memory as mem
+from solvers.kernel.memory import Memory, Sizes, allocate, integer_view
+
+# Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
+GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
+
+
+class Places(NamedTuple):
+    """What looks at any place of one system, and moves it onto the constraints."""
+
+    memory: Memory  #: to be copied
+    mass: Vector  #: M (n*n,), or room for it where it varies; nothing by entries
+    codes: Any  #: what owns the code that is called
+
+
+def of_full_matrices(dynamics: Dynamics) -> Places:
+    """Solved by LAPACK.
+
+    Raises
+    ------
+    NotNative
+        The functions cannot be machine code.
+    """
+    s, codes = dynamics.structure, level_functions(dynamics)
+    size = s.n + s.m + s.p
+    z = allocate(Sizes(n=s.n, m=s.m, p=s.p, size=0, inverse_mass=s.n**2 if s.mass == "variable" else 0, level=size))
+    z.i[mem.LINEAR] = s.linear_reaction
+    z.i[mem.DGETRF], z.i[mem.DGETRS] = address_of("dgetrf"), address_of("dgetrs")
+    integer_view(z, mem.LEVEL_LAPACK)[:] = size, 1, ord("T"), 0
+    put_codes(z, codes)
+    mass = np.eye(s.n) if dynamics.constant_mass is None else np.array(dynamics.constant_mass, dtype=np.float64)
+    return Places(z, mass.ravel(), codes)
+
+
+def put_codes(z: Memory, codes: dict[str, Native]) -> None:
+    """Put the addresses of ``codes`` into the memory."""
+    for name, code in codes.items():
+        at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
+        z.i[at : at + 2] = code.pair
+
+
+def level_functions(dynamics: Dynamics) -> dict[str, Native]:
+    """Machine code of what start, acceleration level and projection need, of full matrices, by its name in the loops.
+
+    Raises
+    ------
+    NotNative
+        There is none for one of them.
+    """
+    s = dynamics.structure
+    place = (), (s.n,), (s.n,)
+    codes = {"force": native(force_and_inverse_mass, dynamics, shapes=place)}
+    if s.constrained:
+        codes["start_levels"] = native(level_terms, dynamics, shapes=place)
+    if s.constrained or s.mass == "variable":
+        codes["kkt"] = native(kkt_terms, dynamics, shapes=(*place, (s.n + s.m + s.p,)))
+    return codes
+
+
+def force_over_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """f = M^-1 F (n,), (H2)."""
+    return dynamics.over_mass(t, q, dynamics.force(t, q, v))
+
+
+def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
+    """f = M^-1 F (n,), (H2), and where the mass varies M^-1 (n*n,), packed into one vector."""
+    if dynamics.structure.mass != "variable":
+        return force_over_mass(dynamics, t, q, v)
+    force, inverse = dynamics.force(t, q, v), inverse_mass_at(dynamics, t, q)
+    return dynamics.xp.concatenate([inverse @ force, inverse.ravel()])
+
+
+def address_of(name: str) -> int:
+    """Of SciPy's LAPACK routine ``name``: integers are of 32 bits, every argument goes by its address."""
+    routines: Any = cython_lapack.__pyx_capi__
+    capsule = routines[name]
+    get_name, get_pointer = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    get_name.restype, get_name.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    get_pointer.restype, get_pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    return int(get_pointer(capsule, get_name(capsule)))
