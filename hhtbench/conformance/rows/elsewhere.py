@@ -18,7 +18,6 @@ import numpy as np
 
 import hhtbench as hb
 from hhtbench.conformance.entry import Finding, Kind, Lane, tested
-from hhtbench.conformance.entry import row as entry_row
 from hhtbench.conformance.rows.judging import Cases, ends, row
 from hhtbench.conformance.subject import Subject
 
@@ -26,7 +25,7 @@ MAIN = "from hhtbench.cli.main import main; main()"
 PATIENCE = 1_800.0  # s for some 220 cases, of which each may take 20 s: few do
 
 
-@entry_row(
+@row(
     "A1",
     "the random systems of R8 and the faults of R9, in a process of its own for every solver",
     "no hang, no crash reaches the caller; silent errors are caught",

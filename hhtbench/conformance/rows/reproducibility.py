@@ -20,7 +20,6 @@ import numpy as np
 
 import hhtbench as hb
 from hhtbench.conformance.entry import Finding, Lane, tested
-from hhtbench.conformance.entry import row as entry_row
 from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, judged, refuses, row, same, within
 from hhtbench.conformance.scenes.rod import Q0, V0, Rod, plane
 from hhtbench.conformance.subject import Declined, Subject
@@ -135,7 +134,7 @@ def _second_use(subject: Subject) -> str:
         return fault or arrives(first.result(30.0))
 
 
-@entry_row("R6", "SIGINT in mid-solve, five times", "KeyboardInterrupt within 0.5 s, next solve right")
+@row("R6", "SIGINT in mid-solve, five times", "KeyboardInterrupt within 0.5 s, next solve right")
 def interrupts(subject: Subject) -> Finding:
     """A solve of a minute; a status interrupted counts as well."""
     if threading.current_thread() is not threading.main_thread():
