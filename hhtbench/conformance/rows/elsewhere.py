@@ -13,8 +13,8 @@ import numpy as np
 
 import hhtbench as hb
 from hhtbench.conformance.entry import Finding, Kind, Lane, Outcome, tested
+from hhtbench.conformance.rows import random_faults
 from hhtbench.conformance.rows.judging import Cases, ends, row
-from hhtbench.conformance.rows.random_faults import causes, random_cases
 from hhtbench.conformance.subject import Subject
 from hhtbench.runtime.processes import worker_processes
 
@@ -33,7 +33,7 @@ def apart_from_the_caller(subject: Subject) -> Finding:
     with worker_processes(1) as pool:
         (worker,) = pool.workers
         try:
-            found = [worker.call(_measured_alone, k, subject.name, seconds=PATIENCE) for k in range(len(ALONE))]
+            found = [worker.call(_alone, name, subject.name, seconds=PATIENCE) for name in ("random_cases", "causes")]
         except (TimeoutError, EOFError) as ended:
             return Finding(measured=f"hangs or crashes: {ended}", holds=False)
     text = "; ".join(f"{x.id} {x.kind.label}: {x.message}" for x in found)
@@ -41,11 +41,8 @@ def apart_from_the_caller(subject: Subject) -> Finding:
     return Finding(measured=text, holds=all(x.kind is Kind.right for x in found), failing=failing)
 
 
-ALONE = (random_cases, causes)
-
-
-def _measured_alone(k: int, column: str) -> Outcome:
-    found: Outcome = ALONE[k].entry.run(Subject.column(column), timed=False)
+def _alone(name: str, column: str) -> Outcome:
+    found: Outcome = getattr(random_faults, name).entry.run(Subject.column(column), timed=False)
     return found
 
 
