@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -28,6 +29,7 @@ from hhtbench.conformance import cell
 from hhtbench.conformance.cell import Cell, Expected
 from hhtbench.conformance.families.errors import motion, own_multipliers
 from hhtbench.conformance.families.recurrence import METHODS, Weights
+from hhtbench.conformance.scenes.scene import on_motion
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Motion, Problem, System, parameter
 from hhtbench.solution.result import Solution
@@ -64,15 +66,8 @@ def guided(h: float, begin: float = NEVER, off: float = 0.0) -> Problem:
         c, s = np.cos(t), np.sin(t)
         return Motion((c - s) * ALONG, -(c + s) * ALONG, np.array([PRESS + PUSH]), np.zeros(0))
 
-    start = exact(0.0)
-    return Problem(
-        name="guided",
-        system=Guided(begin=begin),
-        t_span=(0.0, COUNT * h),
-        q0=start.q,
-        v0=start.v + off * ACROSS,
-        exact=exact,
-    )
+    given = on_motion("guided", Guided(begin=begin), exact, COUNT * h)
+    return replace(given, v0=given.v0 + off * ACROSS)
 
 
 Modes = Callable[[float, float, float], Vector]  #: h, jump of the force, v off the level -> (COUNT,) differences of lam

@@ -42,7 +42,7 @@ def apart_from_the_caller(subject: Subject) -> Finding:
 
 
 def _alone(name: str, column: str) -> Outcome:
-    found: Outcome = getattr(random_faults, name).entry.run(Subject.column(column), timed=False)
+    found: Outcome = getattr(random_faults, name).entry.run(Subject.column(column))
     return found
 
 

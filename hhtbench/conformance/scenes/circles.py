@@ -17,6 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import quad
 
+from hhtbench.conformance.scenes.scene import on_motion
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 
@@ -107,9 +108,7 @@ def _crossed(name: str, known: Any, span: float, size: float = 1.0, **given: Any
         normal = np.array([PRESS + x.pushed + x.y_rate**2 / radius, PRESS + x.z_rate**2 / radius])
         return Motion(q + p, v + u, np.linalg.lstsq(rows.T, normal, rcond=None)[0], np.zeros(0))
 
-    start = exact(0.0)
-    scales = Scales(q=size, v=size, lam=size)
-    return Problem(name=name, system=system, t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact, scales=scales)
+    return on_motion(name, system, exact, span, Scales(q=size, v=size, lam=size))
 
 
 def crossed_levels(t: float, q: Vector, v: Vector) -> Vector:
@@ -222,10 +221,7 @@ def bouncing(stiffness: float, span: float) -> Problem:
             x, rate = t - 1.0 - math.pi / w, 1.0
         return Motion(*on_circle(x, rate, AHEAD, ASIDE, BEND), np.array([PRESS + rate**2 / BEND]), np.zeros(0))
 
-    start = exact(0.0)
-    return Problem(
-        name="bouncing", system=OneSided(stiffness=stiffness), t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact
-    )
+    return on_motion("bouncing", OneSided(stiffness=stiffness), exact, span)
 
 
 class Sliding(Guided):
@@ -264,9 +260,8 @@ def sliding(width: float, span: float, system: type[System] = Sliding) -> Proble
         lam = 1.0 if system is Rubbing else PRESS + rate**2 / BEND
         return Motion(*on_circle(slid(width, t), rate, AHEAD, ASIDE, BEND), np.array([lam]), np.zeros(0))
 
-    q0, v0 = on_circle(0.0, 1.0, AHEAD, ASIDE, BEND)
     given: Any = system(width=width)
-    return Problem(name=system.__name__.lower(), system=given, t_span=(0.0, span), q0=q0, v0=v0, exact=exact)
+    return on_motion(system.__name__.lower(), given, exact, span)
 
 
 def sliding_speed(width: float, t: float) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from hhtbench.conformance.scenes.pendulum import GRAVITY, RADIUS, swing
+from hhtbench.conformance.scenes.scene import on_motion
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 
@@ -42,18 +43,8 @@ def parallelogram(span: float) -> Problem:
         q = np.concatenate([place, place + np.array([1.0, 0.0])])
         return Motion(q, rate * np.concatenate([across, across]), np.full(3, np.nan), np.zeros(0))
 
-    start = exact(0.0)
-    fastest = math.sqrt(2 * GRAVITY * RADIUS)
-    scales = Scales(q=RADIUS, v=fastest, lam=GRAVITY / RADIUS)
-    return Problem(
-        name="parallelogram",
-        system=Parallelogram(),
-        t_span=(0.0, span),
-        q0=start.q,
-        v0=start.v,
-        exact=exact,
-        scales=scales,
-    )
+    scales = Scales(q=RADIUS, v=math.sqrt(2 * GRAVITY * RADIUS), lam=GRAVITY / RADIUS)
+    return on_motion("parallelogram", Parallelogram(), exact, span, scales)
 
 
 def parallelogram_levels(t: float, q: Vector, v: Vector) -> Vector:
