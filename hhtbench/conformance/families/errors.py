@@ -47,11 +47,6 @@ def off(problem: Problem, found: Solution, *further: Solution) -> float:
     return float(np.max([np.max(np.abs(part)) for part in parts]))
 
 
-def own_multipliers(found: Solution) -> Matrix:
-    """Those (k, m) that the solver itself holds, where it holds some."""
-    return found.lam if found.carried is None else np.asarray(found.carried["lam"])
-
-
 def exact(problem: Problem, found: Solution, name: str) -> Matrix:
     """``q``, ``v`` or ``lam`` of the closed solution at the rows, (k, n) or (k, m)."""
     if problem.exact is None:
