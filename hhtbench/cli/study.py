@@ -16,7 +16,7 @@ from hhtbench.runtime.progress import progress
 
 @click.group("study")
 def study_command() -> None:
-    """Studies of the bench's own advice, of solvers at their extremes, of parts and reductions.
+    """Studies of the bench's own advice, and of solvers at their extremes.
 
     For example: hhtbench study selection
     """
@@ -42,24 +42,6 @@ def selection_command(**asked: Any) -> Found:
     with progress() as told:
         found = study_selection(**asked, tell=told.say, progress=told.advance)
     return Found(found, found.as_dict(), not found.judgements)
-
-
-@study_command.command("parts", cls=Command)
-@click.option(
-    "--rounds", type=click.IntRange(min=1), default=9, show_default=True, help="Of times, of which the shortest count."
-)
-def parts_command(rounds: int) -> Found:
-    """Measure what HHT's optional parts cost, present and absent, and what its automatic reductions gain.
-
-    Exit 1 where an absent part is called, a reduction changes the answer, or describe does not tell of it.
-    For example: hhtbench study parts --json parts.json
-    """
-    with ends_at_once():
-        from hhtbench.conformance.parts.study import study_parts
-
-    with progress() as told:
-        found = study_parts(rounds, lambda done, total: told.advance("parts", done, total))
-    return Found(found, found.as_dict(), bool(found.faults))
 
 
 for command in (acceptance_command, atlas_command, stability_command):

@@ -13,6 +13,7 @@ from hhtbench.api import solve
 from hhtbench.catalogue.registry import load_problem
 from hhtbench.checks.problem import check
 from hhtbench.conformance.entry import Entry, Finding, Kind, Outcome, as_known, outcome_of
+from hhtbench.conformance.families.errors import known_motion
 from hhtbench.conformance.pairwise import FACTOR, assert_solvers_agree
 from hhtbench.conformance.registry import CLAIMS, FAMILIES, checks_of
 from hhtbench.conformance.subject import ACCURACY, ITERATIONS, Claims, Subject, expect
@@ -185,16 +186,9 @@ def _agree(problem: Problem, solvers: tuple[Solver | str, ...], rtol: float) -> 
 
 
 def _is_known(problem: Problem, solver: Solver | str, rtol: float) -> None:
-    if problem.reference is not None:
-        times = np.asarray(problem.reference["t"], dtype=float)
-        known = {name: np.asarray(problem.reference[name], dtype=float) for name in ("q", "v") if name in problem.reference}
-    else:
-        times = np.linspace(*problem.t_span, 5)
-        motions = [problem.exact(float(t)) for t in times] if problem.exact is not None else []
-        known = {name: np.array([getattr(motion, name) for motion in motions]) for name in ("q", "v")}
-    inside = (times >= min(problem.t_span)) & (times <= max(problem.t_span))
-    solution = solve(problem, solver, rtol=rtol, t_eval=times[inside])
+    known = known_motion(problem, np.linspace(*problem.t_span, 5))
+    solution = solve(problem, solver, rtol=rtol, t_eval=known.t)
     expect(solution.success, f"{solution.status.label}: {solution.message}")
-    for name, values in known.items():
-        off = np.abs(getattr(solution, name) - values[inside]) / np.asarray(getattr(problem.scales, name))
+    for name in ("q", "v"):
+        off = np.abs(getattr(solution, name) - getattr(known, name)) / np.asarray(getattr(problem.scales, name))
         expect(np.max(off, initial=0.0) <= FACTOR * rtol, f"{name} is off what is known by {np.max(off):.1e} of its scale")

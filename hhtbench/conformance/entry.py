@@ -1,28 +1,12 @@
 """The one form of every check of a solver: an entry, the lane in which it is run, and the outcomes it can have.
 
 An entry has an id, a sentence, what it needs of a solver, and known failures with their reasons.  It is computed in one of
-three ways, each made by a decorator:
+three ways, each made by a decorator: ``claim`` (here), an assertion that raises ``AssertionError`` where it does not hold;
+``row`` (in :mod:`.rows.judging`), a measured value and its bound, or ``tested`` (here), held by tests of its own; ``family``
+(in :mod:`.cell`), cells along a parameter.
 
-``claim(id, *scenes, parts=(), needs=(), known={})``
-    An assertion: ``measure(subject)``, or ``measure(subject, case)`` once for each scene or part.  It raises
-    ``AssertionError`` where the claim does not hold.  The sentence is the first line of its docstring.
-``row(id, goes_in, expected, lane=Lane.fast, gap="", known={})``
-    A row of the acceptance matrix: ``measure(subject)`` returns a :class:`Finding`, a measured value and whether it is
-    within its bound, with the names of the cases that are not; ``row`` of :mod:`.rows.judging` makes one of a function
-    that yields its cases, each a fault or a number beside its bound.  ``tested(id, goes_in, expected, *tests)`` is a row
-    that tests of its own hold, since its question is no solve (rows K1 to K12); the entry names them.
-``family(id, parameter, known={})`` (in :mod:`.cell`)
-    An axis: a function of a seed that yields cells, each with the value x of the parameter, a problem, a request and what is
-    expected; every cell is solved and judged in the same way.
-
-All three are measured by :meth:`Entry.run`, which returns an :class:`Outcome` and raises nothing.  What is known to fail is
+All are measured by :meth:`Entry.run`, which returns an :class:`Outcome` and raises nothing.  What is known to fail is
 applied by :func:`as_known`, which is strict: a case that is known to fail and passes is a failure.
-
-The rows of the acceptance matrix live in ``hhtbench/conformance/rows``, a module a section; a row asks a ``Subject``:
-``ask(system, **request)`` is one solve within a bound of time; ``ways()``, ``hht(system)`` and ``fresh(**options)`` are as
-its docstrings say.
-
-:mod:`.registry` lists the entries; :mod:`.subject` is the solver that they are asked of; :mod:`.scenes` are the mechanisms.
 """
 
 from __future__ import annotations
@@ -227,17 +211,6 @@ def claim(
         sentence = (inspect.getdoc(measure) or "").partition("\n")[0]
         made = Entry(id=id, sentence=sentence, measure=measure, scenes=scenes, parts=tuple(parts), needs=needs)
         measure.entry = replace(made, known=known or {})  # type: ignore[attr-defined]
-        return measure
-
-    return register
-
-
-def row(id: str, goes_in: str, expected: str, *, lane: Lane = Lane.fast, gap: str = "", known: Known | None = None) -> Any:
-    """Make a measurement the row ``id`` of its module."""
-
-    def register(measure: Measure) -> Any:
-        made = Entry(id=id, sentence=expected, goes_in=goes_in, measure=measure, lane=lane, gap=gap, known=known or {})
-        measure.entry = made  # type: ignore[attr-defined]
         return measure
 
     return register

@@ -248,13 +248,6 @@ def errors(scene: Scene, solution: Solution) -> dict[str, float]:
     return found
 
 
-def differences(one: Solution, other: Solution) -> float:
-    """Largest relative difference of q and v over the rows, which are at the same times."""
-    expect(np.allclose(one.t, other.t, rtol=0, atol=1e-9), "the rows of two runs are at different times")
-    pairs = ((getattr(one, name), getattr(other, name)) for name in ("q", "v"))
-    return max(float(np.max(np.abs(a - b))) / size_of(b) for a, b in pairs)
-
-
 def same_bits(one: Solution, other: Solution) -> None:
     """Raise unless rows and counters are equal bit by bit."""
     for name in ("t", *COMPONENTS):

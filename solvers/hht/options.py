@@ -62,7 +62,7 @@ class HHTOptions:
     without
         Names of reductions that are not made, to measure what they gain: "mass" (it is constant), "reaction" (it is
         linear in the multipliers), "zeros" (entries of the step's matrix that are known).  ``linsolver="dense"`` does
-        without inverse, bands and blocks.  ``hhtbench study parts`` measures all of them.
+        without inverse, bands and blocks.
     engine
         "compiled", or "python": the same loops over steps run as plain Python, for debugging and to compare with.
 

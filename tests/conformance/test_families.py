@@ -10,10 +10,10 @@ import pytest
 from hhtbench import api
 from hhtbench.conformance import check_solver
 from hhtbench.conformance.entry import Kind
-from hhtbench.conformance.families import modes, recurrence
+from hhtbench.conformance.families import recurrence
 from hhtbench.conformance.families.quaternions import turning
 from hhtbench.conformance.registry import FAMILIES, checks_of, chosen
-from hhtbench.conformance.scenes import circles, linkages, servos
+from hhtbench.conformance.scenes import circles, servos
 from hhtbench.conformance.subject import Subject
 from solvers.hht.verify.damping import roots
 from tests.conformance.synthetic import (
@@ -80,9 +80,7 @@ CLOSED = {
     "bouncing": lambda: circles.bouncing(100.0, 2.0),
     "sliding": lambda: circles.sliding(0.2, 2.0),
     "leaning": lambda: circles.leaning([[1.0, 0.0], [1.0, 0.1]], 2.0),
-    "parallelogram": lambda: linkages.parallelogram(2.0),
     "turning": lambda: turning(3.0, 1e-2),
-    "guided": lambda: modes.guided(0.2),
 }
 
 
@@ -111,7 +109,7 @@ def test_the_speed_of_a_sliding_mass_obeys_its_friction():
         assert rate == pytest.approx(-np.tanh(circles.sliding_speed(width, t) / width), abs=1e-6)
 
 
-@pytest.mark.parametrize("axis", ["stiffness", "wrong_a0"])
+@pytest.mark.parametrize("axis", ["stiffness", "jump"])
 def test_hht_is_right_or_says_why_not(axis):
     found = [run(axis, cell, "hht").kind for cell in small(axis)]
     assert found and set(found) <= {Kind.right, Kind.budget}
@@ -150,7 +148,6 @@ HELD = (
     "rank",
     "redundant",
     "jump",
-    "wrong_a0",
     "friction",
     "contact",
 )
@@ -183,12 +180,11 @@ LIES = (
     ("span", OutOfPhase, at(1e3)),
     ("jump", Deaf, None),
     ("jump", Deaf, at(1e-2)),
-    ("wrong_a0", Deaf, at(1e-2)),
     ("dead_points", Beside, lambda cell: "slider" in cell.line),
     ("perturbations", Growing, None),
     ("ratios", Shaking, lambda cell: "stiff" in cell.line),
     ("long_run", Drifting, lambda cell: cell.small and by_steps(cell)),
-    ("long_run", Losing, lambda cell: cell.small and by_steps(cell) and "pendulum" in cell.line),
+    ("long_run", Losing, lambda cell: cell.small and by_steps(cell)),
 )
 
 
@@ -210,18 +206,6 @@ def test_extrapolated_multipliers_pass_over_a_vibration_that_the_tension_carries
 def test_the_closed_solution_is_right_everywhere(axis):
     kinds = kinds_of(axis, Exact(), lambda cell: not (axis == "dead_points" and "slider" not in cell.line))
     assert kinds and set(kinds) == {Kind.right}
-
-
-@pytest.mark.parametrize(
-    ("solver", "line", "other"),
-    [("hht", "force", {"alpha": -0.2}), ("generalised_alpha", "velocity", {"rho_inf": 0.7, "form": "index3"})],
-)
-def test_multipliers_find_back_as_the_closed_recurrence_of_the_method_says_and_of_no_other(solver, line, other):
-    cells = small("multiplier_modes", solver)
-    assert {run("multiplier_modes", cell, solver).kind for cell in cells} == {Kind.right}
-    (cell,) = [cell for cell in cells if cell.line.startswith(line)]
-    found = run("multiplier_modes", replace(cell, options={**cell.options, **other}), solver)
-    assert found.kind is Kind.wrong and found.errors["multipliers"] > 0.01
 
 
 def test_a_larger_error_is_a_warning_only_where_the_message_names_its_cause():

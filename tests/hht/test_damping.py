@@ -39,6 +39,30 @@ def test_rho_inf_names_the_method_of_one_alpha(rho, alpha):
     assert -1 / 3 <= coefficients.alpha <= 0
 
 
+def rows_of(measure, *first):
+    """Those that ``verify damping`` measures so."""
+    studies = [study for study in damping.STUDIES if study[: 1 + len(first)] == (measure, *first)]
+    found = [row for measure, *given in studies for row in np.atleast_1d(measure(*given))]
+    assert found
+    return found
+
+
+def test_one_step_of_an_oscillator_is_the_closed_matrix():
+    assert [row.claim for row in rows_of(one_step, "oscillator") if not row.passed] == []
+
+
+def test_the_fastest_vibration_keeps_rho_inf():
+    assert [row.claim for row in rows_of(damping.rho_inf) if not row.passed] == []
+
+
+def test_an_oscillator_has_the_damping_and_elongation_of_the_series():
+    assert [row.claim for row in rows_of(swing, "oscillator") if not row.passed] == []
+
+
+def test_the_first_step_overshoots_as_the_limit_says():
+    assert [row.claim for row in rows_of(damping.overshoot) if not row.passed] == []
+
+
 @pytest.mark.parametrize("method", [IMPLICIT, HALF], ids=["b=0", "b=0.25"])
 @pytest.mark.parametrize("name", SCENES)
 def test_constrained_scene_is_advanced_along_its_free_direction_by_the_closed_matrix(name, method):

@@ -72,6 +72,16 @@ def test_a_zero_exactly_at_the_end_is_one_event(kind, how):
 
 
 @pytest.mark.parametrize("how", HOW, ids=str)
+def test_a_zero_at_the_start_is_none_and_two_in_a_step_are_found_by_samples(how):
+    """Of a tangent nothing is promised but that the run goes on."""
+    at_start, tangent = Event(lambda t, q, v: q[0]), Event(lambda t, q, v: (q[0] - 0.5) ** 2)
+    two = Event(lambda t, q, v: (q[0] - 0.3) * (q[0] - 0.304), samples=20)
+    solution = drift([at_start, tangent, two], **how)
+    assert solution.success and solution.t_events[0].size == 0
+    np.testing.assert_allclose(solution.t_events[2], [0.3, 0.304], atol=1e-9)
+
+
+@pytest.mark.parametrize("how", HOW, ids=str)
 def test_a_numbered_occurrence_is_terminal_and_every_solve_counts_anew(how):
     wave = Event(lambda t, q, v: np.sin(np.pi * (q[0] - 0.1)), terminal=3)
     solver = HHT(AT_REST, events=wave, max_step=0.5)  # nothing else limits the step where no force acts

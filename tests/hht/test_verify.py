@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from solvers.hht.verify import figures, paper
@@ -39,3 +40,11 @@ def test_rows_of_the_verification_hold():
     rows += [paper.multiplier_guess(TEST1, (1.0, 0.7, 0.9, 1.1), 0.01), *paper.drift(TEST1, 200, paper.REACTIONS)]
     assert len(rows) > 36
     assert [row.claim for row in rows if not row.passed] == []
+
+
+@pytest.mark.parametrize("rescale_a", [True, False])
+def test_steps_of_one_to_five_keep_the_order(rescale_a):
+    """They lose it without (H11)."""
+    lengths = [np.tile([1.0, 0.2], n) / (1.2 * n) for n in (160, 320, 640)]
+    found = refine(TEST1, lengths, alpha=-0.3, b=0.3, reaction="implicit", rescale_a=rescale_a).orders()
+    assert found["v"] == pytest.approx(2.0, abs=0.1) if rescale_a else found["v"] < 1.7

@@ -14,7 +14,7 @@ from hhtbench.cli.main import main
 from hhtbench.runtime.processes import worker_processes
 
 HEAVY = ("jax", "numpy", "scipy", "matplotlib", "plotly", "rich")
-GROUPS = {"reference": ("build", "check", "show"), "study": ("selection", "acceptance", "atlas", "parts", "stability")}
+GROUPS = {"reference": ("build", "check", "show"), "study": ("selection", "acceptance", "atlas", "stability")}
 PRECISION = """
 import json, os
 import jax, jax.numpy as jnp

@@ -12,7 +12,7 @@ from hhtbench.conformance.entry import claim
 from hhtbench.conformance.scenes.pendulum import Frame, RedundantPendulum, pendulum
 from hhtbench.conformance.scenes.scene import SPAN, Scene
 from hhtbench.conformance.scenes.small import moving_circle
-from hhtbench.conformance.subject import Subject, at, differences, errors, expect, rms, size_of
+from hhtbench.conformance.subject import Subject, at, errors, expect, rms, size_of
 from hhtbench.solution.request import make_request
 
 TURNED = np.array([[2.0, -2.0, 1.0], [1.0, 2.0, 2.0], [-2.0, -1.0, 2.0]]) / 3.0
@@ -146,15 +146,3 @@ def checkpoint(subject: Subject) -> None:
             saved.resume(kept)
     same = all(np.array_equal(getattr(going.state, name), getattr(saved.state, name)) for name in ("t", "q", "v"))
     expect(same, "steps that were saved and resumed go on otherwise than those that were not")
-
-
-@claim("repeat/without_output")
-def output_changes_nothing(subject: Subject) -> None:
-    """The end of the motion does not depend, beyond the error, on how much output is asked for."""
-    scene = subject.scene("position")
-    request = subject.ladder(scene.problem)[1]
-    whole = subject.solved(scene, **request)
-    end = subject.solved(scene, **at(request, np.array([scene.problem.t_span[1]])))
-    last = replace(whole, t=whole.t[-1:], q=whole.q[-1:], v=whole.v[-1:])
-    off, bound = differences(end, last), subject.bound(request, scene.problem)
-    expect(off <= bound, f"the end differs by {off:.1e} with output at the end alone; expected {bound:.1e} at most")

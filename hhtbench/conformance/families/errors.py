@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,11 +47,6 @@ def off(problem: Problem, found: Solution, *further: Solution) -> float:
     return float(np.max([np.max(np.abs(part)) for part in parts]))
 
 
-def own_multipliers(found: Solution) -> Matrix:
-    """Those (k, m) that the solver itself holds, where it holds some."""
-    return found.lam if found.carried is None else np.asarray(found.carried["lam"])
-
-
 def exact(problem: Problem, found: Solution, name: str) -> Matrix:
     """``q``, ``v`` or ``lam`` of the closed solution at the rows, (k, n) or (k, m)."""
     if problem.exact is None:
@@ -72,13 +67,28 @@ def along(direction: Any) -> Error:
 
 def at_the_end(problem: Problem, found: Solution) -> float:
     """Largest scaled error of q at the last row, against the closed solution or else the certified reference."""
-    if problem.exact is not None:
-        known = problem.exact(float(found.t[-1])).q
-    elif problem.reference is not None:
-        known = np.asarray(problem.reference["q"])[-1]
-    else:
-        raise ValueError(f"nothing is known of the motion of {problem.name}")
+    known = known_motion(problem, found.t[-1:]).q[-1]
     return float(np.max(np.abs(known - found.q[-1]) / problem.scales.q))
+
+
+class KnownMotion(NamedTuple):
+    """Of a problem."""
+
+    t: Vector  #: (k,) [s]
+    q: Matrix  #: (k, n)
+    v: Matrix  #: (k, n)
+
+
+def known_motion(problem: Problem, times: Vector) -> KnownMotion:
+    """The closed solution at ``times``, or the rows of the certified reference within the interval."""
+    if problem.exact is not None:
+        motions = [problem.exact(float(t)) for t in times]
+        return KnownMotion(times, np.array([x.q for x in motions]), np.array([x.v for x in motions]))
+    if problem.reference is None:
+        raise ValueError(f"nothing is known of the motion of {problem.name}")
+    t, q, v = (np.asarray(problem.reference[name], dtype=np.float64) for name in ("t", "q", "v"))
+    inside = (t >= min(problem.t_span)) & (t <= max(problem.t_span))
+    return KnownMotion(t[inside], q[inside], v[inside])
 
 
 def held(violated: Callable[[float, Vector, Vector], Any]) -> Error:

@@ -10,6 +10,7 @@ import numpy as np
 
 from hhtbench.conformance.cell import Cell, Expected, cells, family, rtol, step
 from hhtbench.conformance.families.errors import held, reacting
+from hhtbench.conformance.scenes.scene import on_motion
 from hhtbench.conformance.subject import ACCURACY
 from hhtbench.mechanics.space import quaternion_rate, rotation, rotational_force, rotational_mass
 from hhtbench.protocol.arguments import Vector
@@ -57,16 +58,8 @@ def turning(length: float, scale: float) -> Problem:
         rate = about + np.asarray(rotation(q))[:, 2] * own
         return Motion(length * q, length * np.asarray(quaternion_rate(q, rate)), np.array([lam]), np.zeros(0))
 
-    start, size = exact(0.0), length * float(np.linalg.norm(RATE)) / 2
-    return Problem(
-        name="turning",
-        system=Turning(length=length, scale=scale),
-        t_span=(0.0, SPAN),
-        q0=start.q,
-        v0=start.v,
-        exact=exact,
-        scales=Scales(q=length, v=size, lam=lam),
-    )
+    scales = Scales(q=length, v=length * float(np.linalg.norm(RATE)) / 2, lam=lam)
+    return on_motion("turning", Turning(length=length, scale=scale), exact, SPAN, scales)
 
 
 def _turn(rate: Vector, t: float) -> Vector:

@@ -10,7 +10,7 @@ import numpy as np
 
 import hhtbench as hb
 from hhtbench.conformance.entry import tested
-from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, refuses, row, within
+from hhtbench.conformance.rows.judging import Cases, apart, ends, refuses, row, within
 from hhtbench.conformance.scenes.rod import (
     ALTOGETHER_WRONG,
     Q0,
@@ -74,56 +74,30 @@ J4 = tested(
 )
 
 
-@row("J5", "dense, banded, sparse linear algebra", "equal to 1e-11")
-def linear_algebra(subject: Subject) -> Cases:
-    """A chain of 40 links at fixed steps."""
-    given = hb.load_problem("planar_chain(n_links=40)")
-    dense, *others = (
-        subject.hht(given.system, linsolver=kind).solve((0.0, 0.05), given.q0, given.v0, step=0.005)
-        for kind in ("dense", "band", "sparse")
-    )
-    for case, found in zip(("band", "sparse"), others, strict=True):
-        yield case, within(apart(found, dense) / max(1.0, np.abs(dense.v).max()), 1e-11, "differ by")
-
-
+J5 = tested(
+    "J5",
+    "dense, banded, sparse linear algebra",
+    "equal to 1e-11",
+    "tests/hht/test_linear.py::test_every_kind_of_linear_algebra_gives_the_same_steps",
+)
+EVENTS, FAILURES = (f"tests/hht/test_{name}.py::test_" for name in ("events", "event_failures"))
+E1 = tested(
+    "E1",
+    "zero at t0; at t1; two in a step; tangent; NaN; raising; jump",
+    "none; one; both; any; named; raised; to 1e-9",
+    f"{EVENTS}a_zero_at_the_start_is_none_and_two_in_a_step_are_found_by_samples",
+    f"{EVENTS}a_zero_exactly_at_the_end_is_one_event",
+    f"{EVENTS}a_function_that_jumps_is_located_to_roundoff",
+    f"{FAILURES}a_value_that_is_not_finite_ends_the_run_and_names_the_event",
+    f"{FAILURES}an_exception_of_an_event_reaches_the_caller_with_what_was_found",
+)
 FREE = hb.NumpySystem(force=lambda t, q, v: np.zeros(1))  # with v = 1 the coordinate is the time
-JUMP = 0.123456789  # [s]
-EVENTS: dict[str, tuple[hb.Event, list[float]]] = {  # with the times at which they are to be found
-    "at t0": (hb.Event(lambda t, q, v: q[0]), []),
-    "at t1": (hb.Event(lambda t, q, v: q[0] - 1.0), [1.0]),
-    "two": (hb.Event(lambda t, q, v: (q[0] - 0.3) * (q[0] - 0.304), samples=20), [0.3, 0.304]),
-    "jump": (hb.Event(lambda t, q, v: np.sign(q[0] - JUMP)), [JUMP]),
-}
-
-
-class Own(Exception):
-    """Of an event."""
-
-
-def _raising(t: float, q: Any, v: Any) -> float:
-    if q[0] > 0.5:
-        raise Own
-    return 1.0
 
 
 def _with(subject: Subject, event: hb.Event, **request: Any) -> hb.Solution:
     if not subject.is_hht:
         raise Declined("the adapters have no events")
     return subject.ask(FREE, (0.0, 1.0), q0=[0.0], v0=[1.0], events=event, **request)
-
-
-@row("E1", "zero at t0; at t1; two in a step; tangent; NaN; raising; jump", "none; one; both; any; named; raised; to 1e-9")
-def events(subject: Subject, request: dict[str, Any]) -> Cases:
-    """On a coordinate that is the time; of a tangent nothing is promised."""
-    for case, (event, expected) in EVENTS.items():
-        found = _with(subject, event, **request)
-        times = np.asarray(found.t_events[0])
-        good = times.size == len(expected) and np.allclose(times, expected, rtol=0, atol=1e-9)
-        yield case, arrives(found) or ("" if good else f"found {times.tolist()}")
-    yield "tangent", arrives(_with(subject, hb.Event(lambda t, q, v: (q[0] - 0.5) ** 2), **request))
-    nan = hb.Event(lambda t, q, v: np.nan if q[0] > 0.5 else 1.0)
-    yield "NaN", ends(_with(subject, nan, **request), hb.Status.nonfinite_callback)
-    yield "raising", refuses(partial(_with, subject, hb.Event(_raising), **request), kinds=(Own,))
 
 
 @row("E2", "one event function in two solves, two solvers, two threads", "no shared record: times equal")

@@ -5,28 +5,23 @@ The store and the runner of campaigns are held by tests, which these rows name.
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.conformance.entry import Finding, Kind, Lane, tested
-from hhtbench.conformance.entry import row as entry_row
+from hhtbench.conformance.entry import Finding, Kind, Lane, Outcome, tested
+from hhtbench.conformance.rows import random_faults
 from hhtbench.conformance.rows.judging import Cases, ends, row
 from hhtbench.conformance.subject import Subject
+from hhtbench.runtime.processes import worker_processes
 
-MAIN = "from hhtbench.cli.main import main; main()"
 PATIENCE = 1_800.0  # s for some 220 cases, of which each may take 20 s: few do
 
 
-@entry_row(
+@row(
     "A1",
     "the random systems of R8 and the faults of R9, in a process of its own for every solver",
     "no hang, no crash reaches the caller; silent errors are caught",
@@ -35,21 +30,20 @@ PATIENCE = 1_800.0  # s for some 220 cases, of which each may take 20 s: few do
 )
 def apart_from_the_caller(subject: Subject) -> Finding:
     """It ends by itself with its outcomes, of which none fails: R8 tells hangs and what is wrong in silence."""
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / "outcomes.json"
-        command = [sys.executable, "-c", MAIN, "study", "acceptance", "R8", "R9"]
-        command += ["--solver", subject.name, "--json", str(file)]
+    with worker_processes(1) as pool:
+        (worker,) = pool.workers
         try:
-            ended = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
-        except subprocess.TimeoutExpired:
-            return Finding(measured=f"hangs: no end after {PATIENCE:g} s", holds=False)
-        if not file.exists():
-            last = " ".join(ended.stderr.splitlines()[-1:])
-            return Finding(measured=f"crashes: the process ends with {ended.returncode}: {last}", holds=False)
-        found = {x["id"]: x for x in json.loads(file.read_text())["outcomes"]}
-    text = "; ".join(f"{name} {x['kind']}: {x['message']}" for name, x in found.items())
-    holds = set(found) == {"R8", "R9"} and all(x["kind"] == Kind.right.name for x in found.values())
-    return Finding(measured=text, holds=holds, failing=tuple(case for x in found.values() for case in x["failing"]))
+            found = [worker.call(_alone, name, subject.name, seconds=PATIENCE) for name in ("random_cases", "causes")]
+        except (TimeoutError, EOFError) as ended:
+            return Finding(measured=f"hangs or crashes: {ended}", holds=False)
+    text = "; ".join(f"{x.id} {x.kind.label}: {x.message}" for x in found)
+    failing = tuple(case for x in found for case in x.failing)
+    return Finding(measured=text, holds=all(x.kind is Kind.right for x in found), failing=failing)
+
+
+def _alone(name: str, column: str) -> Outcome:
+    found: Outcome = getattr(random_faults, name).entry.run(Subject.column(column))
+    return found
 
 
 @dataclass

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.conformance.entry import Finding, Known, Lane
-from hhtbench.conformance.entry import row as make_row
+from hhtbench.conformance.entry import Entry, Finding, Known, Lane
 from hhtbench.conformance.subject import Declined, Subject
 
 Cases = Iterator[tuple[str, "str | Number | Declined"]]  # name of a case, and what was found of it; "" is as expected
@@ -41,26 +40,29 @@ def row(
     expected: str,
     *,
     seconds: float = math.inf,
+    most_failing: float = 0.0,
     lane: Lane = Lane.fast,
     gap: str = "",
     known: Known | None = None,
-) -> Callable[[Callable[..., Cases]], Any]:
-    """Make a function that yields cases the row ``id`` of its module.
+) -> Callable[[Callable[..., Any]], Any]:
+    """Make a measurement the row ``id`` of its module.
 
-    One of two arguments, ``(subject, request)``, is called for each request of :meth:`Asked.ways`.  ``seconds``: each solve
-    may take so many, on a machine that has time.
+    The function yields its cases, or returns a :class:`Finding`.  One of two arguments, ``(subject, request)``, is called
+    for each request of :meth:`Subject.ways`.  ``seconds``: each solve may take so many, on a machine that has time;
+    ``most_failing``: share of the cases that may be otherwise.
     """
 
-    def register(cases: Callable[..., Cases]) -> Any:
-        every_way = len(inspect.signature(cases).parameters) == 2
-        collected = partial(_every_way, cases) if every_way else cases
+    def register(cases: Callable[..., Any]) -> Any:
+        collected = partial(_every_way, cases) if len(inspect.signature(cases).parameters) == 2 else cases
 
         @wraps(cases)
         def measure(subject: Subject) -> Finding:
-            return judged(collected(subject), subject, seconds)
+            found = collected(subject)
+            return found if isinstance(found, Finding) else judged(found, subject, seconds, most_failing)
 
-        measure.cases = collected  # type: ignore[attr-defined]
-        return make_row(id, goes_in, expected, lane=lane, gap=gap, known=known)(measure)
+        made = Entry(id=id, sentence=expected, goes_in=goes_in, measure=measure, lane=lane, gap=gap, known=known or {})
+        measure.entry, measure.cases = made, collected  # type: ignore[attr-defined]
+        return measure
 
     return register
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from functools import partial
 from typing import Any
 
@@ -10,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.conformance.entry import Lane
+from hhtbench.conformance.entry import Lane, tested
 from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, row, warns, within
 from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum_angles
 from hhtbench.conformance.scenes.rod import FUNCTIONS, MASSLESS, Q0, V0, Rod, plane, problem, two_rods
@@ -267,18 +266,10 @@ def million_steps(subject: Subject) -> Cases:
             yield "energy", within(second / first, 1.5, "energy's error in the second half over that in the first:")
 
 
-@row("P14", "a scene with a force and a constraint", "optional parts are not called; what is called is counted")
-def optional_parts(subject: Subject) -> Cases:
-    """Energy, power and invariants are for the bench alone; the rest: tests/hht/test_physics.py."""
-    calls: Counter[str] = Counter()
-
-    def counted(name: str, function: Any) -> Any:
-        return lambda *arguments: (calls.update((name,)), function(*arguments))[1]
-
-    given = {name: function for name, function in FUNCTIONS.items() if name != "mass_matrix"}
-    given |= {"energy": lambda t, q, v: 0.0, "power": lambda t, q, v, lam, mu: 0.0, "invariants": lambda t, q, v: {}}
-    found = subject.ask(plane(**{name: counted(name, function) for name, function in given.items()}), rtol=1e-5)
-    yield "not needed", within(calls["energy"] + calls["power"] + calls["invariants"], 0, "calls of parts not needed:")
-    told = (found.counters.residual_evaluations or 0) + (found.counters.output_evaluations or 0)
-    close = 0.9 * calls["force"] - 5 <= told <= 1.1 * calls.total() + 5
-    yield "counted", "" if close else f"{calls['force']} calls of f, {calls.total()} of all, {told} counted"
+P14 = tested(
+    "P14",
+    "a scene with a force alone, or a force and a constraint",
+    "optional parts are not called (that calls are counted: claim counters/evaluations)",
+    "tests/hht/test_physics.py",
+    "tests/hht/test_absent_parts.py",
+)

@@ -7,10 +7,9 @@ from contextlib import suppress
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.conformance.entry import Finding, Lane
-from hhtbench.conformance.entry import row as entry_row
+from hhtbench.conformance.entry import Lane
 from hhtbench.conformance.rows import callbacks, derivatives_events, inputs, options, physics
-from hhtbench.conformance.rows.judging import Cases, ends, judged, row
+from hhtbench.conformance.rows.judging import Cases, ends, row
 from hhtbench.conformance.scenes.rod import PLACES, Q0, spoiled
 from hhtbench.conformance.subject import Declined, Subject
 from hhtbench.lowering import CONSISTENT
@@ -80,18 +79,16 @@ INJECTED = (
 )
 
 
-@entry_row(
+@row(
     "R9",
     f"the faults of {', '.join(x.entry.id for x in INJECTED)}",
     "the reported cause is the injected one in at least 95 %, within 10 s each",
+    seconds=10.0,
+    most_failing=0.05,
     lane=Lane.slow,
 )
-def causes(subject: Subject) -> Finding:
+def causes(subject: Subject) -> Cases:
     """What a solver declines is left out."""
-    return judged(_injected(subject), subject, 10.0, most_failing=0.05)
-
-
-def _injected(subject: Subject) -> Cases:
     for measure in INJECTED:
         with suppress(Declined):
             for case, found in measure.cases(subject):

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.conformance.entry import Finding, Lane
-from hhtbench.conformance.entry import row as entry_row
+from hhtbench.conformance.entry import Finding, Lane, tested
 from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, judged, refuses, row, same, within
 from hhtbench.conformance.scenes.rod import Q0, V0, Rod, plane
 from hhtbench.conformance.subject import Declined, Subject
@@ -82,18 +81,12 @@ def _goes_on(subject: Subject, save: Callable[[Any], Any], request: dict[str, An
     return "" if found == right else "other bits"
 
 
-@row("R3", "stop, save, load, go on", "equal to one run, bitwise")
-def checkpoints(subject: Subject, request: dict[str, Any]) -> Cases:
-    """By checkpoint and resume in a new object, at five places."""
-
-    def save(hht: Any) -> Any:
-        other = subject.hht(Rod(), alpha=hht.options.alpha)
-        other.resume(hht.checkpoint())
-        return other
-
-    yield "", _goes_on(subject, save, request)
-
-
+R3 = tested(
+    "R3",
+    "stop, save, load, go on",
+    "equal to one run, bitwise",
+    "tests/hht/test_checkpoint.py::test_a_run_that_was_checkpointed_and_resumed_goes_on_bit_by_bit",
+)
 COPIES: dict[str, Callable[[Any], Any]] = {"pickle": lambda x: pickle.loads(pickle.dumps(x)), "deepcopy": copy.deepcopy}
 
 
@@ -141,7 +134,7 @@ def _second_use(subject: Subject) -> str:
         return fault or arrives(first.result(30.0))
 
 
-@entry_row("R6", "SIGINT in mid-solve, five times", "KeyboardInterrupt within 0.5 s, next solve right")
+@row("R6", "SIGINT in mid-solve, five times", "KeyboardInterrupt within 0.5 s, next solve right")
 def interrupts(subject: Subject) -> Finding:
     """A solve of a minute; a status interrupted counts as well."""
     if threading.current_thread() is not threading.main_thread():

@@ -8,13 +8,16 @@ nothing is right without them.
 
 from __future__ import annotations
 
+import cmath
 import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import quad
 
+from hhtbench.conformance.scenes.scene import on_motion
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
 
@@ -105,9 +108,7 @@ def _crossed(name: str, known: Any, span: float, size: float = 1.0, **given: Any
         normal = np.array([PRESS + x.pushed + x.y_rate**2 / radius, PRESS + x.z_rate**2 / radius])
         return Motion(q + p, v + u, np.linalg.lstsq(rows.T, normal, rcond=None)[0], np.zeros(0))
 
-    start = exact(0.0)
-    scales = Scales(q=size, v=size, lam=size)
-    return Problem(name=name, system=system, t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact, scales=scales)
+    return on_motion(name, system, exact, span, Scales(q=size, v=size, lam=size))
 
 
 def crossed_levels(t: float, q: Vector, v: Vector) -> Vector:
@@ -117,45 +118,36 @@ def crossed_levels(t: float, q: Vector, v: Vector) -> Vector:
     return np.array([*places, *((u @ q) * (u @ v) + (n @ q - 1.0) * (n @ v) for u, n in pairs)])
 
 
-def stiff(stiffness: float, span: float) -> Problem:
-    """y = cos t along SLOW, and a vibration as large as 1 / stiffness along FAST."""
-    w = math.sqrt(stiffness)
+def _waves(y: tuple[complex, complex], z: tuple[complex, complex] = (0.0, 0.0)) -> Callable[[float], Lengths]:
+    """Lengths that are real parts of an amplitude times exp(exponent t)."""
 
     def known(t: float) -> Lengths:
-        return Lengths(math.cos(t), math.cos(w * t) / stiffness, -math.sin(t), -math.sin(w * t) / w)
+        (y_now, y_rate), (z_now, z_rate) = ((x := a * cmath.exp(s * t), s * x) for a, s in (y, z))
+        return Lengths(y_now.real, z_now.real, y_rate.real, z_rate.real)
 
-    return _crossed("stiff", known, span, fast=stiffness)
+    return known
+
+
+def stiff(stiffness: float, span: float) -> Problem:
+    """y = cos t along SLOW, and a vibration as large as 1 / stiffness along FAST."""
+    return _crossed("stiff", _waves((1.0, 1j), (1.0 / stiffness, 1j * math.sqrt(stiffness))), span, fast=stiffness)
 
 
 def damped(damper: float, span: float) -> Problem:
     """y'' = -damper (y' + y) on its slow motion, about e^-t; ``damper`` above 4."""
     rate = 2.0 / (1.0 + math.sqrt(1.0 - 4.0 / damper))
-
-    def known(t: float) -> Lengths:
-        y = math.exp(-rate * t)
-        return Lengths(y, 0.0, -rate * y, 0.0)
-
-    return _crossed("damped", known, span, slow=damper, damper=damper)
+    return _crossed("damped", _waves((1.0, -rate)), span, slow=damper, damper=damper)
 
 
 def led(stiffness: float, damper: float, span: float) -> Problem:
     """y = sin t along SLOW, led there by a spring and a damper whose place of rest moves so."""
-
-    def known(t: float) -> Lengths:
-        return Lengths(math.sin(t), 0.0, math.cos(t), 0.0)
-
-    return _crossed("led", known, span, slow=stiffness, damper=damper, lead=1.0)
+    return _crossed("led", _waves((-1j, 1j)), span, slow=stiffness, damper=damper, lead=1.0)
 
 
 def spinning(spin: float, span: float) -> Problem:
     """Springs of the size of a gyroscopic force: a slow circle of frequency near 1, the fast one near ``spin`` at rest."""
     w = 2.0 / (1.0 + math.sqrt(1.0 + 4.0 / spin))
-
-    def known(t: float) -> Lengths:
-        c, s = math.cos(w * t), math.sin(w * t)
-        return Lengths(c, -s, -w * s, -w * c)
-
-    return _crossed("spinning", known, span, slow=spin, fast=spin, spin=spin)
+    return _crossed("spinning", _waves((1.0, 1j * w), (1j, 1j * w)), span, slow=spin, fast=spin, spin=spin)
 
 
 def pushed(push: float, begin: float, span: float) -> Problem:
@@ -172,11 +164,7 @@ def pushed(push: float, begin: float, span: float) -> Problem:
 
 def leaning(rows: Any, span: float) -> Problem:
     """Constraints ``rows`` (m, 2) of the two circles, however nearly dependent they are; y = cos t along SLOW."""
-
-    def known(t: float) -> Lengths:
-        return Lengths(math.cos(t), 0.0, -math.sin(t), 0.0)
-
-    return _crossed("leaning", known, span, rows=np.asarray(rows))
+    return _crossed("leaning", _waves((1.0, 1j)), span, rows=np.asarray(rows))
 
 
 class Oscillator(System):
@@ -233,10 +221,7 @@ def bouncing(stiffness: float, span: float) -> Problem:
             x, rate = t - 1.0 - math.pi / w, 1.0
         return Motion(*on_circle(x, rate, AHEAD, ASIDE, BEND), np.array([PRESS + rate**2 / BEND]), np.zeros(0))
 
-    start = exact(0.0)
-    return Problem(
-        name="bouncing", system=OneSided(stiffness=stiffness), t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact
-    )
+    return on_motion("bouncing", OneSided(stiffness=stiffness), exact, span)
 
 
 class Sliding(Guided):
@@ -275,9 +260,8 @@ def sliding(width: float, span: float, system: type[System] = Sliding) -> Proble
         lam = 1.0 if system is Rubbing else PRESS + rate**2 / BEND
         return Motion(*on_circle(slid(width, t), rate, AHEAD, ASIDE, BEND), np.array([lam]), np.zeros(0))
 
-    q0, v0 = on_circle(0.0, 1.0, AHEAD, ASIDE, BEND)
     given: Any = system(width=width)
-    return Problem(name=system.__name__.lower(), system=given, t_span=(0.0, span), q0=q0, v0=v0, exact=exact)
+    return on_motion(system.__name__.lower(), given, exact, span)
 
 
 def sliding_speed(width: float, t: float) -> float:

@@ -1,8 +1,7 @@
-"""Linkages of rods: a closed chain of three, and a pendulum that carries another of any mass."""
+"""A pendulum that carries another of any mass."""
 
 from __future__ import annotations
 
-import math
 from functools import cache
 from typing import Any
 
@@ -10,58 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from hhtbench.conformance.scenes.pendulum import GRAVITY, RADIUS, swing
-from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
-
-
-class Parallelogram(System):
-    """Two unit masses on equal rods, joined by a third one as long as the way between the pivots: a closed chain."""
-
-    radius: Any = parameter(RADIUS, doc="of the rods [m]")
-    gravity: Any = parameter(GRAVITY, doc="[m/s^2]")
-
-    def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weights."""
-        return -self.gravity * jnp.array([0.0, 1.0, 0.0, 1.0])
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """Rods and coupler."""
-        first, second = q[:2], q[2:] - jnp.array([1.0, 0.0])
-        coupler = q[2:] - q[:2]
-        return jnp.stack([first @ first - self.radius**2, second @ second - self.radius**2, coupler @ coupler - 1.0]) / 2
-
-
-def parallelogram(span: float) -> Problem:
-    """Released at rest: both rods swing as the pendulum of :func:`hhtbench.conformance.scenes.pendulum.swing`."""
-
-    def exact(t: float) -> Motion:
-        angle, rate = swing(t)
-        place = RADIUS * np.array([np.sin(angle), -np.cos(angle)])
-        across = RADIUS * np.array([np.cos(angle), np.sin(angle)])
-        q = np.concatenate([place, place + np.array([1.0, 0.0])])
-        return Motion(q, rate * np.concatenate([across, across]), np.full(3, np.nan), np.zeros(0))
-
-    start = exact(0.0)
-    fastest = math.sqrt(2 * GRAVITY * RADIUS)
-    scales = Scales(q=RADIUS, v=fastest, lam=GRAVITY / RADIUS)
-    return Problem(
-        name="parallelogram",
-        system=Parallelogram(),
-        t_span=(0.0, span),
-        q0=start.q,
-        v0=start.v,
-        exact=exact,
-        scales=scales,
-    )
-
-
-def parallelogram_levels(t: float, q: Vector, v: Vector) -> Vector:
-    """Both levels of the three constraints, (6,)."""
-    parts = (q[:2], v[:2]), (q[2:] - [1.0, 0.0], v[2:]), (q[2:] - q[:2], v[2:] - v[:2])
-    lengths = RADIUS**2, RADIUS**2, 1.0
-    places = [(d @ d - length) / 2 for (d, _), length in zip(parts, lengths, strict=True)]
-    return np.array([*places, *(d @ u for d, u in parts)])
+from hhtbench.conformance.scenes.pendulum import GRAVITY
+from hhtbench.protocol.system import Problem, Scales, System, parameter
 
 
 class DoublePendulum(System):

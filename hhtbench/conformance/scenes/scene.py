@@ -79,6 +79,12 @@ def multipliers(e: Equations) -> Vector:
     return np.asarray(np.linalg.solve(schur, right), dtype=np.float64)
 
 
+def on_motion(name: str, system: System, exact: Callable[[float], Motion], span: float, scales: Scales = UNIT) -> Problem:
+    """A problem over [0, ``span``] that starts on its closed solution."""
+    start = exact(0.0)
+    return Problem(name=name, system=system, t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact, scales=scales)
+
+
 def make_scene(
     name: str,
     system: System | NumpySystem,

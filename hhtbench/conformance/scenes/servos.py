@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.conformance.scenes.circles import FAST, FIRST, PRESS, SECOND, SLOW, arc, off_circle, on_circle
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.conformance.scenes.scene import on_motion
+from hhtbench.protocol.system import Motion, Problem, System, parameter
 
 
 class Hung(System):
@@ -38,6 +39,4 @@ def hung(spring: float, damper: float, span: float) -> Problem:
         (q, v), (p, u) = on_circle(s, c, SLOW, FIRST, 1.0), on_circle(s, c, FAST, SECOND, 1.0)
         return Motion(q + p, v + u, np.array([PRESS + c * c, PRESS + c * c, s]), np.zeros(0))
 
-    start, scales = exact(0.0), Scales(q=1.0, v=1.0, lam=1.0)
-    system = Hung(spring=spring, damper=damper)
-    return Problem(name="hung", system=system, t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact, scales=scales)
+    return on_motion("hung", Hung(spring=spring, damper=damper), exact, span)

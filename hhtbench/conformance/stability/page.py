@@ -8,14 +8,11 @@ from importlib.resources import files
 from pathlib import Path
 from string import Template
 
-import plotly.graph_objects as go
-
 from hhtbench.conformance.entry import Entry, Kind, Outcome
 from hhtbench.conformance.stability.study import SAFE, Stability
 from hhtbench.conformance.stability.workers import cells_of
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.report import COMPARISON, STABILITY, colours
-from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
@@ -32,16 +29,15 @@ ABOUT = (
     "Maps of stability of the closed-loop solvers of game engines are in arXiv 2504.19771 (2025); new here: typed ends, "
     "solvers with error control and prescribed steps through the same cases, and wrong answers that say success apart."
 )
-LINE = 17  # pixels of one line of a map
 PALEST = 0.35
-MARKS = {  # colour and mark of a class: distinct for colour-blind eyes, and without colours
-    Kind.right: ("#009E73", "square"),
-    Kind.named: ("#56B4E9", "diamond"),
-    Kind.budget: ("#E69F00", "triangle-up"),
-    Kind.warned: ("#CC79A7", "circle"),
-    Kind.wrong: ("#B3261E", "x"),
-    Kind.crashed: ("#000000", "star"),
-    Kind.hung: ("#777777", "hourglass"),
+COLOURS = {  # distinct for colour-blind eyes; the letter of each kind tells it without colours
+    Kind.right: "#009E73",
+    Kind.named: "#56B4E9",
+    Kind.budget: "#E69F00",
+    Kind.warned: "#CC79A7",
+    Kind.wrong: "#B3261E",
+    Kind.crashed: "#000000",
+    Kind.hung: "#777777",
 }
 
 
@@ -64,22 +60,25 @@ def write_stability(found: Stability, folder: Path) -> Path:
 
 def stability_page(found: Stability, compared: bool = False) -> str:
     """The text of the page; ``compared``: the comparison lies beside it."""
-    drawings, report = Drawings(), files("hhtbench.report")
+    report = files("hhtbench.report")
     style = Template(report.joinpath("comparison.css").read_text(encoding="utf-8"))
     template = Template(files("hhtbench.conformance.stability").joinpath("stability.html").read_text(encoding="utf-8"))
     return template.substitute(
-        style=style.substitute(font=colours.FONT, text=colours.TEXT, height=LINE),
+        style=style.substitute(font=colours.FONT, text=colours.TEXT, height=0),
         comparison=f'<a href="{COMPARISON}">the comparison</a>' if compared else "",
         contents="\n".join(f'<a href="#{anchor(axis.id)}">{escape(axis.id)}</a>' for axis in found.axes),
         about=escape(ABOUT),
-        classes="\n".join(f"<li><b>{kind.label}</b>: {escape(kind.text)}</li>" for kind in MARKS),
+        classes="\n".join(
+            f'<li><b class="cell" style="background:{colour}">{kind.letter}</b> {kind.label}: {escape(kind.text)}</li>'
+            for kind, colour in COLOURS.items()
+        ),
         sentences="\n".join(f"<p>{escape(found.sentence(solver))}</p>" for solver in found.solvers),
         counts=html_table(counts(found)),
-        sections="\n".join(_section(found, axis, drawings) for axis in found.axes),
+        sections="\n".join(_section(found, axis) for axis in found.axes),
         seed=str(found.seed),
         minutes=f"{found.seconds / 60:.0f}",
         environment=escape(", ".join(f"{name} {value}" for name, value in found.environment.items())),
-        scripts=drawings.scripts(report.joinpath("draw_all.js").read_text(encoding="utf-8")),
+        script=report.joinpath("tables.js").read_text(encoding="utf-8"),
     )
 
 
@@ -112,8 +111,7 @@ def allowed(found: Stability, axis: Entry) -> dict[str, str]:
     }
 
 
-def _section(found: Stability, axis: Entry, drawings: Drawings) -> str:
-    drawn = axis_map(found.of(axis.id), axis.parameter)
+def _section(found: Stability, axis: Entry) -> str:
     allowances = "\n".join(f"<li>{escape(line)}: {escape(most)}</li>" for line, most in allowed(found, axis).items())
     return f"""\
 <section>
@@ -122,38 +120,26 @@ def _section(found: Stability, axis: Entry, drawings: Drawings) -> str:
 <ul>
 {allowances}
 </ul>
-{drawings.box(drawn, drawn.layout.height)}
+{axis_map(found.of(axis.id), axis.parameter)}
 </section>"""
 
 
-def axis_map(asked: list[Outcome], label: str) -> go.Figure:
-    """A line for every solver and request, a column for every value of the parameter, a mark for the class of the end."""
-    rows = list(dict.fromkeys(_name(x) for x in asked))
-    columns = [f"{x:g}" for x in sorted({x.x for x in asked if x.x is not None})]
-    figure = go.Figure()
-    for kind, (colour, symbol) in MARKS.items():
-        own = [x for x in asked if x.kind is kind]
-        figure.add_scatter(
-            x=[f"{x.x:g}" for x in own],
-            y=[_name(x) for x in own],
-            text=[_figures(x) for x in own],
-            name=kind.label,
-            mode="markers",
-            marker={"color": colour, "symbol": symbol, "size": 11, "opacity": [_opacity(x) for x in own]},
-            hovertemplate="%{y}<br>%{x}: %{text}",
-        )
-    figure.update_layout(
-        template="none",
-        height=130 + LINE * max(1, len(rows)),
-        margin={"l": 20, "r": 16, "t": 36, "b": 60},
-        font={"family": colours.FONT, "size": 12, "color": colours.TEXT},
-        legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 0.0},
-        showlegend=True,
-        hovermode="closest",
-        xaxis=_categories(columns) | {"title": {"text": label}},
-        yaxis=_categories(rows[::-1]) | {"automargin": True, "gridcolor": colours.FINE_GRID},
-    )
-    return figure
+def axis_map(asked: list[Outcome], label: str) -> str:
+    """A line for every solver and request, a column for every value of the parameter, a coloured letter for every cell."""
+    columns = sorted({x.x for x in asked if x.x is not None})
+    letters: dict[str, dict[float | None, str]] = {}
+    for x in asked:
+        line = letters.setdefault(f"{x.solver}, {x.line}", dict.fromkeys(columns, ""))
+        line[x.x] += _letter(x)
+    head = "".join(f"<th>{x:g}</th>" for x in columns)
+    rows = (f"<tr><td>{escape(name)}</td><td>{'</td><td>'.join(line.values())}</td></tr>" for name, line in letters.items())
+    body = "\n".join(rows)
+    return f'<div class="scroll"><table><thead><tr><th>{escape(label)}</th>{head}</tr></thead>\n{body}</table></div>'
+
+
+def _letter(x: Outcome) -> str:
+    shown = f"opacity:{_opacity(x):.2g};background:{COLOURS[x.kind]}"
+    return f'<b class="cell" style="{shown}" title="{_figures(x)}">{x.kind.letter}</b>'
 
 
 def _opacity(x: Outcome) -> float:
@@ -163,18 +149,10 @@ def _opacity(x: Outcome) -> float:
     return PALEST + (1.0 - PALEST) * min(max(-math.log10(x.share), 0.0), 2.0) / 2.0
 
 
-def _categories(names: list[str]) -> dict[str, object]:
-    return {"type": "category", "categoryorder": "array", "categoryarray": names, "range": [-0.7, len(names) - 0.3]}
-
-
-def _name(x: Outcome) -> str:
-    return escape(f"{x.solver}, {x.line}")
-
-
 def _figures(x: Outcome) -> str:
     """What a pointer shows."""
     parts = [f"{name} off by {error:.1e}" for name, error in x.errors.items()]
-    parts += [f"{x.share:.2g} of what is allowed"] if x.share is not None else [escape(f"{x.status}: {x.message[:160]}")]
+    parts += [f"{x.share:.2g} of what is allowed"] if x.share is not None else [f"{x.status}: {x.message[:160]}"]
     parts += [] if x.steps is None else [f"{x.steps} steps"]
     parts += [] if x.evaluations is None else [f"{x.evaluations} evaluations"]
-    return "<br>".join([*parts, f"{x.seconds:.2g} s"])
+    return escape("\n".join([x.kind.label, *parts, f"{x.seconds:.2g} s"]))
