@@ -22,8 +22,6 @@ from tests.lowering.systems import (
     rich_reaction,
 )
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 Q3, V3 = np.array([0.6, 0.8, 0.48]), np.array([0.8, -0.6, 0.28])
 LAM = np.array([0.5])  # picks the root of the quadratic reaction
 SMALL = {

@@ -23,8 +23,6 @@ from solvers.kernel import kkt
 from tests.forms.scenes import C, moment_of
 from tests.lowering.systems import Pendulum
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 ROUNDOFF = 1e-12
 CONSTRAINED = ("bead_chain", "four_bars", "planar_chain", "rolling_disk_incline")
 DAES = [  # each of one with every second of the other

@@ -14,8 +14,6 @@ from solvers.hht import HHT
 from solvers.hht.run import functions
 from tests.hht.scenes import pendulum
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 LINKS = 32
 CHAIN = problem(n_links=LINKS)
 LENGTH, MASS = np.asarray(CHAIN.system.l), np.asarray(CHAIN.system.m)
