@@ -21,9 +21,9 @@ from tests.hht.oracle import (
     physics_of,
     steps_of,
 )
-from tests.hht.scenes import LIBRARY
 from tests.hht.test_crane import Crane
 from tests.problems.mechanics import Mechanics
+from tests.sample import LIBRARY
 
 RTOL = 1e-3
 ROUNDOFF = 1e-12  # of the largest q and v; Newton's iteration ends at 1e-13
