@@ -31,7 +31,11 @@ DAES = [  # each of one with every second of the other
     for j, form in enumerate(("ggl", "index1", "integrated"))
     if (i + j) % 2 == 0
 ]
-FULL_MASS = ("bricard", "flyball_governor", "clamped_bar_impact")
+FULL_MASS = (
+    "andrews",
+    "clamped_bar_impact",
+    *(pytest.param(x, marks=pytest.mark.long) for x in ("bricard", "flyball_governor")),
+)
 
 
 @pytest.fixture(autouse=True)
