@@ -11,8 +11,6 @@ from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.solution.result import Status
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 INTERPOLATE = (
     *("ida(form=ggl)", "ida(form=integrated)", "cvode(method=bdf)", "cvode(method=adams)", "collocation"),
     *("scipy(method=Radau)", "scipy(method=BDF)", "scipy(method=LSODA)", "scipy(method=DOP853)"),

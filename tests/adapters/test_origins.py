@@ -11,8 +11,6 @@ from hhtbench.solution.times import unresolved
 from tests.adapters.scenes import EVERY, TSIT5, errors, problem
 from tests.performance.time_origins import SOLVERS, rows
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 UNIX = 2.0**30  # [s]: times are 2.4e-7 s apart
 QUICK = [name for name in SOLVERS if name != "hht(reaction=midpoint)"]
 

@@ -6,8 +6,6 @@ import pytest
 
 from tests.conformance.test_solvers import parameters
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 
 @pytest.mark.parametrize("check", parameters("diffrax"))
 def test_diffrax(check):

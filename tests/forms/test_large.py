@@ -23,8 +23,6 @@ from solvers.kernel import kkt
 from tests.forms.scenes import C, moment_of
 from tests.lowering.systems import Pendulum
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 ROUNDOFF = 1e-12
 CONSTRAINED = ("bead_chain", "four_bars", "planar_chain", "rolling_disk_incline")
 DAES = [  # each of one with every second of the other
@@ -33,7 +31,11 @@ DAES = [  # each of one with every second of the other
     for j, form in enumerate(("ggl", "index1", "integrated"))
     if (i + j) % 2 == 0
 ]
-FULL_MASS = ("bricard", "flyball_governor", "clamped_bar_impact")
+FULL_MASS = (
+    "andrews",
+    "clamped_bar_impact",
+    *(pytest.param(x, marks=pytest.mark.long) for x in ("bricard", "flyball_governor")),
+)
 
 
 @pytest.fixture(autouse=True)

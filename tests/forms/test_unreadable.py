@@ -11,8 +11,6 @@ import hhtbench as hb
 from hhtbench.protocol.system import Problem, System
 from hhtbench.solution.result import Status
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 SOLVERS = ("hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected")
 
 

@@ -16,7 +16,6 @@ import numpy as np
 import scipy
 
 from hhtbench.protocol.system import reaction_takes_velocity
-from tests.lowering.xla import quickly
 
 LEFT_BY_CONTROL = 0.02  # of what is allowed of a step: (H35) asks for 0.01 by an estimate, which the library exceeds by 1.6
 
@@ -56,7 +55,7 @@ Physics = Callable[..., Terms]
 
 def physics_of(system: Any) -> Physics:
     """From (t, q, v, lam, mu), N rows each, to :class:`Terms`."""
-    code = quickly(partial(_terms, system))
+    code = jax.jit(partial(_terms, system))
 
     def physics(*places: Any) -> Terms:
         rows = [code(*place) for place in zip(*places, strict=True)]

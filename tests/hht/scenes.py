@@ -4,10 +4,8 @@ from collections import Counter
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 from scipy.integrate import solve_ivp
 
-from hhtbench import list_problems
 from hhtbench.lowering.caching import Cache
 from hhtbench.protocol.system import NumpySystem, System, parameter
 from solvers.hht.run import functions, idle
@@ -17,8 +15,6 @@ ANGLE, SPEED = 1.0, 0.5  # of the pendulum at the start [rad, rad/s], counted fr
 Q0 = np.array([np.sin(ANGLE), -np.cos(ANGLE)])
 V0 = SPEED * np.array([np.cos(ANGLE), np.sin(ANGLE)])
 ALPHAS = (0.0, -0.3)
-SLOW = ("bricard", "flyball_governor")  # bodies in space, as heavy_top and rolling_disk3d_steady are, with many joints
-LIBRARY = [pytest.param(name, marks=pytest.mark.long) if name in SLOW else name for name in list_problems()]
 
 
 def gravity(t, q, v):

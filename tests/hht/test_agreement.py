@@ -14,7 +14,8 @@ from solvers.hht.equations.coefficients import REACTIONS
 from solvers.hht.run import functions
 from solvers.hht.sources import SOURCES
 from solvers.hht.verify import rivals
-from tests.hht.scenes import LIBRARY, Q0, SYSTEMS, V0, Ball, forget_engines
+from tests.hht.scenes import Q0, SYSTEMS, V0, Ball, forget_engines
+from tests.sample import LIBRARY
 
 STEPS = 20
 CLOSE = 1e-9  # of the largest: roundoff of two ways to compute the same functions, carried over the steps

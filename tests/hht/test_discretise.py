@@ -31,9 +31,9 @@ RIVALS = ("ggl", "index3", "extended", "hht_i3", "rattle")
     ("name", "kind", "options"),
     [
         *(("jay_negrut_test1", HHT, options) for options in METHODS),
-        ("andrews", HHT, METHODS[2]),
+        ("slider_crank_equal_lengths", HHT, METHODS[2]),
         *(("jay_negrut_pendulum", HHT, {"extrapolate_reaction": True, **options}) for options in METHODS[:4]),
-        ("rolling_disk3d_steady", HHT, METHODS[3]),
+        ("rolling_sphere_table", HHT, METHODS[3]),
         *(("sundials_slider_crank", *rivals.METHODS[name]) for name in RIVALS),
         *(("heavy_top", *rivals.METHODS[name]) for name in ("ggl", "hht_i3")),
     ],

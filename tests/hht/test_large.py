@@ -16,8 +16,6 @@ from solvers.hht.run import functions
 from solvers.kernel import kkt
 from tests.hht.scenes import forget_engines
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 CHAIN = "planar_chain(n_links=40)"
 BAR = "clamped_bar_impact(n_elements=250)"  # its mass is sparse, and the inverse of that full
 LARGE = (

@@ -29,8 +29,6 @@ from solvers.kernel.memory import (
     view,
 )
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 SAME = 1e-11
 PROBLEMS = {
     "planar_chain(n_links=6)": 1e-3,  # constant diagonal mass

@@ -17,8 +17,6 @@ from solvers.kernel.full import of_full_matrices
 from solvers.kernel.memory import copied
 from solvers.kernel.projection import project
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 
 class Circles(hb.System):
     """Points on circles whose height is z = sin t, which a velocity constraint says together with what holds already."""

@@ -9,8 +9,6 @@ from solvers.hht.run import functions
 from solvers.hht.step.newton import NewtonOptions
 from tests.hht.scenes import forget_engines
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 LIBRARY = ("andrews", "arevalo_circle", "jay_negrut_test1", "knife_edge", "simple_pendulum", "stiff_spring_pendulum")
 
 

@@ -16,8 +16,6 @@ from solvers.hht.run import functions
 from solvers.kernel import kkt
 from tests.lowering.changing import Declared, Massless, Redundant, Sprung
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 ONE_ROW_LESS = pytest.mark.filterwarnings("ignore:redundant constraints")
 
 

@@ -13,8 +13,6 @@ from solvers._start import Failure
 from solvers.hht.run.stepper import Accepted, Stepper
 from tests.performance import singular
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 
 @pytest.mark.parametrize("steps", [50, 333, 1000])
 def test_prescribed_steps_through_a_dead_point_keep_the_branch_or_tell(steps):

@@ -20,8 +20,6 @@ from problems import planar_chain
 from solvers._initcond import check_start, project
 from solvers._start import Place
 
-pytestmark = pytest.mark.usefixtures("quick_xla")
-
 T, N = 0.3, 6
 Q, V = np.sin(np.arange(1.0, N + 1)), np.cos(np.arange(1.0, N + 1))
 LAM, MU = np.array([0.7, -1.1, 0.4]), np.array([0.9])

@@ -7,11 +7,6 @@ import pytest
 from tests.problems.mechanics import Mechanics, time_derivative
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _quick(quick_xla):
-    """XLA only judges here."""
-
-
 @pytest.fixture
 def mechanics():
     return Mechanics

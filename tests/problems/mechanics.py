@@ -7,10 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from tests.lowering.xla import quickly
 
-
-@partial(quickly, static_argnums=0)
+@partial(jax.jit, static_argnums=0)
 def whole(function, system, *arguments):
     """``function(system, *arguments)`` compiled as a whole, once for all parameters: not operation by operation."""
     return function(system, *arguments)

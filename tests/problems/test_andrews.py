@@ -6,7 +6,6 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from problems.andrews import LAM_START, problem
-from tests.lowering.xla import quickly
 from tests.problems.mechanics import compiled
 from tests.problems.published import STORED
 
@@ -56,7 +55,7 @@ def test_integration_of_the_underlying_equation_reaches_the_reference():
     squeezer = problem(t_end=0.05)
     system = squeezer.system
 
-    @quickly
+    @jax.jit
     def rate(t, y):
         q, v = y[:7], y[7:]
         G = jax.jacfwd(system.constraint, 1)(t, q)

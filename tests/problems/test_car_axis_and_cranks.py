@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import eigh
 
-from tests.lowering.xla import quickly
 from tests.problems.mechanics import compiled, consistent_state
 from tests.problems.published import STORED
 from tests.problems.published_tables import PUBLISHED
@@ -28,7 +27,7 @@ def test_car_axis_reaches_the_published_state_in_minimal_coordinates():
         stretch = jnp.stack([x[0] - L0, jnp.linalg.norm(right - base) - L0])
         return K / 2 * (rates[0] @ rates[0] + rates[1] @ rates[1]) - stretch @ stretch / 2 - K * (left[1] + right[1])
 
-    @quickly
+    @jax.jit
     def rate(t, y):
         x, u = y[:2], y[2:]
         momentum = jax.grad(lagrangian, 2)
@@ -100,7 +99,7 @@ def test_published_states_satisfy_constraints_and_acceleration_level(make, mecha
         np.testing.assert_allclose(system.accelerations(t, q, v)[1], lam, rtol=1e-9)
 
 
-@quickly
+@jax.jit
 def one_coordinate_rate(k, c, y):
     """Crank angle, its rate and the integral of the kinetic energy; rod angle and slider follow from the crank."""
     a = 0.5

@@ -17,7 +17,6 @@ from problems._minimal import (
     slider_crank,
     stiff_spring_pendulum,
 )
-from tests.lowering.xla import quickly
 from tests.problems.cases import CHANGED
 from tests.problems.mechanics import measured
 
@@ -51,7 +50,7 @@ cases = pytest.mark.parametrize(("name", "parameters", "minimal", "s"), CASES)
 def moving_state(minimal, s):
     """A state on the constraints, with random velocities, and its accelerations: (q, v, vdot)."""
 
-    @quickly
+    @jax.jit
     def state(s, u):
         q, v = jax.jvp(minimal.embed, (s,), (u,))
         vdot = jax.jvp(minimal.embed, (s,), (minimal.accelerations(s, u),))[1] + second_along(minimal.embed, s, u)
@@ -73,7 +72,7 @@ def test_accelerations_are_those_of_mass_points_in_minimal_coordinates(make, nam
 @pytest.mark.parametrize("n", [4, 10_000])
 def test_chain_of_any_length_starts_consistent_and_is_tagged_large_where_it_is(make, name, size, n):
     problem = make(name, **{size: n})
-    levels = quickly(lambda q, v: jax.jvp(lambda x: problem.system.constraint(0.0, x), (q,), (v,)))
+    levels = jax.jit(lambda q, v: jax.jvp(lambda x: problem.system.constraint(0.0, x), (q,), (v,)))
     for rows in levels(problem.q0, problem.v0):
         np.testing.assert_allclose(rows, 0.0, rtol=0, atol=2e-15 * (1 + np.abs(problem.v0).max()))
     assert ("large" in problem.tags) == (problem.q0.size >= 300)
@@ -108,11 +107,11 @@ def test_work_and_memory_of_a_chain_grow_with_its_length_alone(make, name, size)
 def test_hanging_chain_carries_at_each_joint_what_hangs_below(make):
     """Statics: joint i of N rods holds (N - i + 1) / N of the weight, pulling what is before it down."""
     below, rest = 2.0 * 9.81 * np.array([1.0, 0.75, 0.5, 0.25]), np.zeros(12)
-    q = quickly(planar_chain(4, 2.0, 1.0, 9.81).embed)(np.full(4, -math.pi / 2))
+    q = jax.jit(planar_chain(4, 2.0, 1.0, 9.81).embed)(np.full(4, -math.pi / 2))
     vdot, lam, *_ = measured(make("planar_chain", n_links=4, m=2.0).system)(q, rest)
     np.testing.assert_allclose(vdot, 0.0, atol=1e-12)
     np.testing.assert_allclose(lam.reshape(-1, 2), np.column_stack([0 * below, -below]), atol=1e-12)
-    q = quickly(bead_chain(4, 2.0, 1.0, 9.81).embed)(np.repeat([-math.pi / 2, 0.0], 4))
+    q = jax.jit(bead_chain(4, 2.0, 1.0, 9.81).embed)(np.repeat([-math.pi / 2, 0.0], 4))
     np.testing.assert_allclose(measured(make("bead_chain", n_beads=4, m=2.0).system)(q, rest)[1] * 0.25, below, rtol=1e-13)
 
 

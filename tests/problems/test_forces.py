@@ -8,7 +8,6 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.lowering.xla import quickly
 from tests.problems.cases import CHANGED, FURTHER, RANKS
 from tests.problems.mechanics import compiled, consistent_state
 
@@ -66,7 +65,7 @@ def test_force_is_what_lagrange_derives_from_mass_and_energy(make, name, paramet
         M = jnp.asarray(mass(t, q) if callable(mass) else mass)
         return M @ v if M.ndim == 2 else M * v
 
-    @quickly
+    @jax.jit
     def compare(q, v):
         inertial = jax.grad(lambda x: v @ momentum(x, v) / 2)(q) - jax.jvp(lambda x: momentum(x, v), (q,), (v,))[1]
         expected = inertial - jax.grad(lambda x: system.energy(t, x, 0 * v))(q)

@@ -71,14 +71,14 @@ def _accelerations(problem: Problem, force: float = 1.0, reaction: bool = True) 
         dynamics = reduce_redundant(dynamics, rank.redundant) if rank.redundant else dynamics
     level, s = AccelerationLevel(dynamics, full=True), dynamics.structure
     size = n + s.m + s.p
-    guess = np.zeros(size)
+    guess, nothing = np.zeros((2, size))
     if not s.linear_reaction and problem.lam_guess is not None:
         guess[n : n + s.m] = problem.lam_guess
 
     def rates(t: float, y: np.ndarray) -> np.ndarray:
         q, v, x = y[:n].copy(), y[n:].copy(), guess.copy()
         kept = slice(0, size if reaction else n)
-        applied = np.asarray(dynamics.force(t, q, v)) * (force - 1.0) if force != 1.0 else 0.0
+        applied = (1.0 - force) * level.terms(t, q, v, nothing)[0][:n] if force != 1.0 else 0.0
         for _ in range(1 if s.linear_reaction else 12):
             residual, matrix = level.terms(t, q, v, x)
             residual = residual.copy()
