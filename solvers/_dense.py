@@ -17,9 +17,10 @@ from hhtbench.solution.result import DenseOutput
 from solvers.forms.form import Form
 
 if TYPE_CHECKING:
-    from solvers._projection import Unmet
+    from solvers._projection import ProjectionFailure
 
-Put = Callable[[Vector, Matrix, Matrix, Vector], "Unmet | str"]  # times, q and v (k, n) to be moved, sizes (2n,) -> remarks
+#: times, q and v (k, n) to be moved, sizes (2n,) -> a warning, or an empty text
+Put = Callable[[Vector, Matrix, Matrix, Vector], "ProjectionFailure | str"]
 
 
 INTEGRALS = ("Lam", "Mu")  # unknowns whose rates are the multipliers

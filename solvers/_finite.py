@@ -51,28 +51,28 @@ def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step
     d, full = (d, True) if products is None else (products, False)
     s = d.structure
     t, q, v = as_arguments(d, t, q, v)
-    suspects = {"force": lambda: d.force(t, q, v)}
+    candidates = {"force": lambda: d.force(t, q, v)}
     if d.wraps and d.entries is not None:
-        suspects["mass_matrix"] = lambda: d.inner.mass(t, q)
+        candidates["mass_matrix"] = lambda: d.inner.mass(t, q)
     if s.mass != "identity" and full:
-        suspects["mass_matrix"] = lambda: d.mass(t, q)
-        suspects["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)
+        candidates["mass_matrix"] = lambda: d.mass(t, q)
+        candidates["the inverse of mass_matrix"] = lambda: inverse_mass_at(d, t, q)
     if s.m:
-        suspects["constraint"] = lambda: d.constraint(t, q)
+        candidates["constraint"] = lambda: d.constraint(t, q)
         if full:
-            suspects["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
-        suspects["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
-        suspects["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
-        suspects["reaction"] = lambda: d.reaction(t, q, v, d.xp.zeros(s.m))
+            candidates["constraint_jacobian"] = lambda: d.constraint_jacobian(t, q)
+        candidates["constraint_velocity"] = lambda: d.constraint_velocity(t, q, v)
+        candidates["constraint_acceleration"] = lambda: d.constraint_acceleration(t, q, v)
+        candidates["reaction"] = lambda: d.reaction(t, q, v, d.xp.zeros(s.m))
     if s.p:
-        suspects["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
+        candidates["velocity_constraint"] = lambda: d.velocity_constraint(t, q, v)
         if full:
-            suspects["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
-        suspects["velocity_reaction"] = lambda: d.velocity_reaction(t, q, v, d.xp.zeros(s.p))
+            candidates["velocity_constraint_jacobian"] = lambda: d.velocity_constraint_jacobian(t, q, v)
+        candidates["velocity_reaction"] = lambda: d.velocity_reaction(t, q, v, d.xp.zeros(s.p))
     if full:
         zero = np.zeros((s.n, s.n))
-        suspects["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
-    for name, function in suspects.items():
+        candidates["force_jacobians"] = lambda: np.stack([zero if x is None else x for x in d.force_jacobians(t, q, v)])
+    for name, function in candidates.items():
         expect_finite(name, function(), float(t))
     force = np.asarray(d.force(t, q, v))
     most = int(np.abs(force).argmax())

@@ -87,7 +87,7 @@ class Guard:
         self.nonfinite, self._nonfinite_before = None, self.nonfinite
 
     @property
-    def suspect(self) -> Any:
+    def blamed(self) -> Any:
         """The value to blame for a failure, or None."""
         return self._nonfinite_before if self.nonfinite is None else self.nonfinite
 

@@ -81,7 +81,7 @@ class Projection:
 
 
 @dataclass(frozen=True)
-class Unmet:
+class ProjectionFailure:
     """States at which no projection has met the constraints, which stay as they were."""
 
     times: tuple[float, ...] = ()  #: [s]
@@ -125,15 +125,17 @@ class OneByOne:
     def _projection(self) -> Projection:
         return Projection(self._dynamics)
 
-    def put_all(self, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> Unmet:
+    def put_all(self, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> ProjectionFailure:
         """:meth:`put` of all rows."""
         return self.put(np.arange(t.size), t, q, v, sizes, lambda: True)
 
-    def put(self, which: Any, t: Vector, q: Matrix, v: Matrix, sizes: Vector, going: Callable[[], bool]) -> Unmet:
+    def put(
+        self, which: Any, t: Vector, q: Matrix, v: Matrix, sizes: Vector, going: Callable[[], bool]
+    ) -> ProjectionFailure:
         """Move the rows ``which`` of q and v (k, n) at ``t`` (k,), as long as it is ``going`` on."""
         times, worst = list[float](), 0.0
         for count, i in enumerate(which.tolist()):
-            late = Unmet(tuple(times), worst, which.size - count)
+            late = ProjectionFailure(tuple(times), worst, which.size - count)
             if not going():
                 return late
             try:
@@ -143,7 +145,7 @@ class OneByOne:
             if left > 0.0:
                 times.append(float(t[i]))
                 worst = max(worst, left)
-        return Unmet(tuple(times), worst)
+        return ProjectionFailure(tuple(times), worst)
 
     def _move(self, t: float, q: Vector, v: Vector, sizes: Vector) -> float:
         """0.0 after q and v (n,) were moved, or what is violated there where they stay."""

@@ -264,8 +264,8 @@ class Run:
         else:
             message = f"the library raised {type(error).__name__} after t = {exact(self.now)}: {error}"
             end = Failure(Status.unreliable, message)
-        suspect = self.guard.suspect
-        return end if suspect is None or end.status is Status.max_steps else self._explained(end, suspect)
+        blamed = self.guard.blamed
+        return end if blamed is None or end.status is Status.max_steps else self._explained(end, blamed)
 
     def _arrived(self, end: Failure) -> Failure:
         """How the run ended: no success where the library stopped early, or times do not resolve its steps."""

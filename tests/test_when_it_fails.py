@@ -15,7 +15,7 @@ import hhtbench as hb
 from hhtbench.campaign.execute import Limits, Task, WorkerPool, run_task
 from hhtbench.campaign.run import run_cell
 from hhtbench.conformance.scenes.linkages import DoublePendulum
-from tests.hht.test_leaps import HEIGHT, Loaded
+from tests.hht.test_branches import HEIGHT, Loaded
 from tests.hht.test_singular_positions import BARS, FLAT, stop_runs
 
 PAGE = (Path(__file__).parent.parent / "docs/statuses.md").read_text(encoding="utf-8")

@@ -291,7 +291,7 @@ class HHT:
             self._integrator = (
                 integrator
                 if old is None
-                else replace(integrator, distrusts=old.distrusts, tally=old.tally, output=old.output)
+                else replace(integrator, fell_back=old.fell_back, tally=old.tally, output=old.output)
             )
             self._onward = None
 
@@ -299,8 +299,8 @@ class HHT:
         """The engine of the first step again, for a state that was saved; no start is computed again."""
         work, controlled = _work_of(integrator), integrator.tolerances is not None
         engine = make_engine(self.system, self.options, integrator.place, work, controlled=controlled)
-        if integrator.distrusts:
-            engine.distrust()
+        if integrator.fell_back:
+            engine.fall_back()
         return engine
 
     def _current(self) -> IntegratorState:
@@ -317,7 +317,7 @@ class HHT:
         if engine is None:
             return now
         tally, output = Counter(engine.work.tally), Counter(engine.work.output)
-        return replace(now, distrusts=engine.distrusts, tally=tally, output=output)
+        return replace(now, fell_back=engine.fell_back, tally=tally, output=output)
 
     def __getstate__(self) -> dict[str, Any]:
         saved = {**self.__dict__, "_integrator": self._integrator and self._saved()}

@@ -27,10 +27,10 @@ def compute_entries(z: Any) -> None:
 def add_row_sizes(z: Any, typical: Any) -> None:
     """Add up the magnitudes of every row of [g_q; k_v] times the ``typical`` sizes (n,) in ROW_SIZES."""
     n, size, rows, columns = z.i[mem.N], z.i[mem.SIZE], indices(z, mem.ENTRY_ROWS), indices(z, mem.ENTRY_COLUMNS)
-    computed, slots, sizes = part(z, mem.COMPUTED), indices(z, mem.SLOTS), part(z, mem.ROW_SIZES)
+    computed, targets, sizes = part(z, mem.COMPUTED), indices(z, mem.TARGETS), part(z, mem.ROW_SIZES)
     for k in range(rows.size):
         if rows[k] >= n and columns[k] < n:
-            sizes[rows[k] - n] += abs(computed[slots[size + k]]) * typical[columns[k]]
+            sizes[rows[k] - n] += abs(computed[targets[size + k]]) * typical[columns[k]]
 
 
 @compiled
@@ -39,11 +39,11 @@ def factor_entries(z: Any, first: Any) -> Any:
 
     Of the ``first`` rows and columns; the others are those of the identity.
     """
-    terms, computed, slots, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.SLOTS), z.i[mem.SIZE]
+    terms, computed, targets, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.TARGETS), z.i[mem.SIZE]
     of_column = part(z, mem.RIGHT)
     entries, rows, columns = terms[size:], indices(z, mem.ENTRY_ROWS), indices(z, mem.ENTRY_COLUMNS)
-    for k in range(slots.size):
-        terms[k] = computed[slots[k]]
+    for k in range(targets.size):
+        terms[k] = computed[targets[k]]
     for k in range(rows.size):
         if max(rows[k], columns[k]) >= first:
             entries[k] = 1.0 if rows[k] == columns[k] else 0.0

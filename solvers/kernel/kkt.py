@@ -108,7 +108,7 @@ def _kkt_of(dynamics: Dynamics) -> list[Entries]:
 def kkt_code(dynamics: Dynamics) -> Entries:
     """Machine code of residual and matrix of (H16), and the linear algebra for the entries that can differ from zero.
 
-    The ``slots`` say where code puts each of [residual; entries].
+    The ``targets`` say where code puts each of [residual; entries].
 
     Raises
     ------
@@ -132,9 +132,9 @@ def kkt_code(dynamics: Dynamics) -> Entries:
     if s.m and s.p:  # a place on the diagonal for rows of k: at the position level they are those of the identity
         held = np.arange(s.n + s.m, size)
         places = np.concatenate([places, np.stack([held, held, 0 * held])], axis=1)
-    rows, columns, slots = places[:, np.lexsort(places[1::-1])]
-    slots = np.concatenate([np.arange(size), slots])
-    found = Analysis(size, rows, columns, 0, slots, np.zeros(slots.size))
+    rows, columns, targets = places[:, np.lexsort(places[1::-1])]
+    targets = np.concatenate([np.arange(size), targets])
+    found = Analysis(size, rows, columns, 0, targets, np.zeros(targets.size))
     return Entries(code, chosen(found, "auto", measured=not dynamics.matrices))
 
 

@@ -62,7 +62,7 @@ def floats(size: Callable[[Sizes], int]) -> int:
     return len(_floats) - 1
 
 
-def slots(size: Callable[[Sizes], int]) -> int:
+def pairs(size: Callable[[Sizes], int]) -> int:
     """A section of floats for each of the two factorisations; returns the number of the first."""
     return [floats(size), floats(size)][0]
 
@@ -107,7 +107,7 @@ LAM_AHEAD = floats(lambda s: s.applied)
 INVERSE_MASS = floats(lambda s: s.inverse_mass)
 X_LAST = floats(lambda s: s.size)
 X_EARLIER = floats(lambda s: HIGHEST * s.size)
-T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: its slot, or -1
+T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: which of two it uses, or -1
 
 # What error control remembers: h_next, the last two steps, error (-1: none), whether R_k is known; f + r before and after
 # the last step; R_k; q before the last two steps and before the last.
@@ -120,8 +120,8 @@ Q_BEFORE = floats(lambda s: s.n)
 H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K, LAST_BUT_ONE = range(5)  # in CONTROL
 
 # Of the two factorisations that are kept: numbers of each, and where the matrix was made.  The state ends here.
-RECORD = slots(lambda s: 7)
-MADE_AT = slots(lambda s: s.size + s.given)
+RECORD = pairs(lambda s: 7)
+MADE_AT = pairs(lambda s: s.size + s.given)
 
 # An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
 ATTEMPT = floats(lambda s: 11)
@@ -162,12 +162,12 @@ ATOL = floats(lambda s: 2 * s.n)
 SOLUTION = floats(lambda s: s.size)  # ... what a right-hand side makes of the unknowns, and of q1 and v1
 CHANGE = floats(lambda s: 2 * s.n)
 
-# Two slots for factorisations: what rows are scaled by, factors, maps.
-ROW_SCALES = slots(lambda s: s.size)
-STORAGE = slots(lambda s: s.storage)
-COUPLINGS = slots(lambda s: s.couplings)
-MAPS = slots(lambda s: s.maps)
-INVERSE = slots(lambda s: s.inverse)
+# Two factorisations: what rows are scaled by, factors, maps.
+ROW_SCALES = pairs(lambda s: s.size)
+STORAGE = pairs(lambda s: s.storage)
+COUPLINGS = pairs(lambda s: s.couplings)
+MAPS = pairs(lambda s: s.maps)
+INVERSE = pairs(lambda s: s.inverse)
 MADE_H, RATE, USES, INVERTED, KEPT_COST, LEAST_PIVOT, RANK = range(7)  # in RECORD
 
 CONSTANTS = floats(lambda s: 4 + len(NEWTON_CONSTANTS))
@@ -175,7 +175,7 @@ EVENT = floats(lambda s: 1)
 EVENT_VALUES = floats(lambda s: 2 * s.events)  # at the last step's end, then the roundoff of those beside zero
 SAMPLE_TIMES = floats(lambda s: s.samples)
 SAMPLE_VALUES = floats(lambda s: s.samples)
-SLOT_ASKED = floats(lambda s: 1)  # of a factor that Python keeps: the slot; then [whether, least pivot, rank]
+LU_ASKED = floats(lambda s: 1)  # of factors that Python keeps: which; then [whether, least pivot, rank]
 FACTOR_RESULT = floats(lambda s: 3)
 SOLVED = floats(lambda s: s.size)
 # The acceleration level: [whether, lam, mu, v']; by machine code from [v', lam, mu], residual and matrix, scales of columns
@@ -197,13 +197,25 @@ TOLERANCE, MARGIN, STAGNATION, STALLED, OTHER_STEP, REFRESH_RATE, WORST_RATE, MA
 REMAINING, STIFF, LEAST_OFF = range(11, 14)
 
 # Where the entries of the matrix and of the maps below it go, see solvers.kernel.linear.analysis.
-SLOTS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
+TARGETS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
     given_integers,
-    ("slots", "inside", "places", "outside", "starts", "coupled", "rows", "columns", "blocks", "map_starts", "map_columns"),
+    (
+        "targets",
+        "inside",
+        "places",
+        "outside",
+        "starts",
+        "coupled",
+        "rows",
+        "columns",
+        "blocks",
+        "map_starts",
+        "map_columns",
+    ),
 )
 ROW_STARTS = given_integers("row_starts")
 ENTRY_ROWS, ENTRY_COLUMNS = map(given_integers, ("entry_rows", "entry_columns"))  # places of the entries, or nothing
-PIVOTS = integers(lambda s: s.size)  # of the first slot, of the second
+PIVOTS = integers(lambda s: s.size)  # of the first factorisation, of the second
 integers(lambda s: s.size)
 LAPACK = integers(lambda s: 4)  # arguments by address: size, one, "N", info
 ONE, TRANSPOSED, INFO = 1, 2, 3  # in LAPACK, after the size; whether: "N" or "T"
@@ -233,7 +245,7 @@ HEADER = CODE + 2 * len(FUNCTIONS)
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra
 
 # How an attempt, and how a call of the loops ended.
-CONVERGED, DIVERGED, NONFINITE, SINGULAR, SPENT, SUSPECT = range(6)
+CONVERGED, DIVERGED, NONFINITE, SINGULAR, SPENT, FALL_BACK = range(6)
 NO_ADVANCE, TOO_LARGE, ROUNDOFF_REACHED, EVENT_FOUND, EVENT_NONFINITE = range(6, 11)
 
 

@@ -1,6 +1,6 @@
 """Sections of the loops' memory, calls by address, small loops; ``z`` is a :class:`~solvers.kernel.memory.Memory`.
 
-Of a section with two slots ``name + slot`` is one.
+Of a section of two factorisations ``name + lu`` is one.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from hhtbench.lowering.caching import Cache
 from hhtbench.protocol.system import NumpySystem, System, parameter
-from solvers.hht.run import functions, idle
+from solvers.hht.run import engine_pool, functions
 
 GRAVITY = 9.81
 ANGLE, SPEED = 1.0, 0.5  # of the pendulum at the start [rad, rad/s], counted from the lowest point
@@ -119,7 +119,7 @@ def same_bits(first, second):
 def forget_engines(monkeypatch):
     """Systems are prepared anew from here on, and what is prepared is forgotten after the test."""
     monkeypatch.setattr(functions, "_known", Cache(16))
-    monkeypatch.setattr(idle, "_idle", [])
+    monkeypatch.setattr(engine_pool, "_pool", [])
 
 
 STIFFNESS = np.array([[3e4, 1e4], [-2e4, 5e4]])  # not symmetric, so that its transpose is another matrix [1/s^2]

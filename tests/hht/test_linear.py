@@ -81,18 +81,18 @@ def test_a_factorisation_made_again_from_a_checkpoint_has_the_same_bits(links, k
 
 
 class Factored:
-    """A matrix and maps below it in one slot of the loops' memory, whose own functions factorise and solve."""
+    """A matrix and maps below it in one place of the loops' memory, whose own functions factorise and solve."""
 
-    def __init__(self, matrix, maps, kind, slot=1):
+    def __init__(self, matrix, maps, kind, lu=1):
         stacked, size = np.concatenate([matrix, maps]), len(matrix)
-        self.analysis, self.slot, self.callbacks = of_pattern(pattern_of(stacked), size, kind), slot, Callbacks()
+        self.analysis, self.lu, self.callbacks = of_pattern(pattern_of(stacked), size, kind), lu, Callbacks()
         assert self.analysis.kind == kind
         self.z = self._memory(len(maps) // 2)
         entries = stacked[np.nonzero(stacked)]
         view(self.z, VALUES)[size:] = entries
-        view(self.z, MAPS + slot)[:] = entries[self.analysis.own :]
+        view(self.z, MAPS + lu)[:] = entries[self.analysis.own :]
         with self.callbacks if kind == "sparse" else nullcontext():
-            self.ended = factor(self.z, slot, entries)
+            self.ended = factor(self.z, lu, entries)
         assert self.callbacks.take_cause() is None
 
     def _memory(self, n):
@@ -109,18 +109,18 @@ class Factored:
     def solve(self, right, how=solve):
         out = np.zeros(right.size)
         with self.callbacks:
-            how(self.z, self.slot, right, out)
+            how(self.z, self.lu, right, out)
         return out
 
     def response(self, right):
         """What a right-hand side makes of the unknowns and of the maps."""
         view(self.z, RIGHT)[:] = right
         with self.callbacks:
-            respond(self.z, self.slot)
+            respond(self.z, self.lu)
         return view(self.z, SOLUTION), view(self.z, CHANGE)
 
     def recorded(self, name):
-        return view(self.z, RECORD + self.slot)[name]
+        return view(self.z, RECORD + self.lu)[name]
 
 
 def pattern_of(matrix):
@@ -142,10 +142,10 @@ def random_matrix(seed):
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("slot", [0, 1])
-def test_factors_solve_what_they_were_made_of(kind, seed, slot):
+@pytest.mark.parametrize("lu", [0, 1])
+def test_factors_solve_what_they_were_made_of(kind, seed, lu):
     matrix, maps = random_matrix(seed), np.eye(30)[:4] + 2.0 * np.eye(30)[4:8]
-    factored = Factored(matrix, maps, kind, slot)
+    factored = Factored(matrix, maps, kind, lu)
     assert factored.ended == CONVERGED
     right = np.arange(1.0, 31.0)
     wanted = np.linalg.solve(matrix, right)
@@ -155,7 +155,7 @@ def test_factors_solve_what_they_were_made_of(kind, seed, slot):
     np.testing.assert_allclose(solution, wanted, **close)
     np.testing.assert_allclose(change, maps @ solution, rtol=1e-14)
     moved = [np.abs(maps[:2] @ right).max(), np.abs(maps[2:] @ right).max()]
-    np.testing.assert_allclose(moved_by(factored.z, slot, right), moved)
+    np.testing.assert_allclose(moved_by(factored.z, lu, right), moved)
 
 
 @pytest.mark.parametrize("kind", ["dense", "band"])
@@ -172,7 +172,7 @@ def test_a_small_matrix_that_serves_often_is_inverted(kind):
 def test_a_pattern_with_entries_that_vanish_serves_later_matrices(kind):
     """A band of ones whose upper diagonal is zero at first."""
     matrix = np.eye(30) + 0.5 * np.eye(30, k=1)
-    factored, right = Factored(matrix, np.eye(30)[:2], kind, slot=0), np.arange(1.0, 31.0)
+    factored, right = Factored(matrix, np.eye(30)[:2], kind, lu=0), np.arange(1.0, 31.0)
     stacked = np.concatenate([matrix, np.eye(30)[:2]])
     at = np.nonzero(stacked)
     for upper in (0.0, 0.5):

@@ -9,7 +9,7 @@ import pytest
 import hhtbench as hb
 from hhtbench.protocol.system import NumpySystem, System
 from solvers.hht import HHT, Event
-from solvers.hht.run import idle
+from solvers.hht.run import engine_pool
 from solvers.hht.run.functions import Functions
 from solvers.hht.run.history import History
 from solvers.hht.run.loops import Loops
@@ -50,7 +50,7 @@ def made_with(monkeypatch, value, sections):
         return z
 
     monkeypatch.setattr(Functions, "memory", memory)
-    monkeypatch.setattr(idle, "_idle", [])
+    monkeypatch.setattr(engine_pool, "_pool", [])
     return made
 
 
@@ -98,7 +98,7 @@ def test_an_engine_that_is_not_kept_for_later_solves_is_freed_at_once(n, monkeyp
     made = []
     original = Loops.__init__
     monkeypatch.setattr(Loops, "__init__", lambda own, *given: made.append(weakref.ref(own)) or original(own, *given))
-    monkeypatch.setattr(idle, "MAX_BYTES", 0)
+    monkeypatch.setattr(engine_pool, "MAX_BYTES", 0)
     gc.collect()
     gc.disable()
     try:
@@ -115,4 +115,4 @@ def test_engines_for_later_solves_hold_no_more_than_64_megabytes():
     for _ in range(4):
         system = NumpySystem(force=lambda t, q, v: 0.0 * q)
         assert HHT(system).solve((0.0, 0.01), np.ones(400), np.zeros(400), step=0.005, t_eval=[0.0, 0.01]).success
-    assert 20e6 <= sum(engine.nbytes for _, engine in idle._idle) <= 64 * 2**20
+    assert 20e6 <= sum(engine.nbytes for _, engine in engine_pool._pool) <= 64 * 2**20

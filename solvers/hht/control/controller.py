@@ -58,11 +58,11 @@ def prescribed(z: Any, h: Any, t1: Any, counts: Any) -> Any:
         tried[mem.H_TRIED] = h
         return mem.NO_ADVANCE
     ended = attempt(z, h, t1, counts)
-    return mem.SUSPECT if is_suspect(z, ended) else ended
+    return mem.FALL_BACK if may_fall_back(z, ended) else ended
 
 
 @compiled
-def is_suspect(z: Any, ended: Any) -> Any:
+def may_fall_back(z: Any, ended: Any) -> Any:
     """Whether Newton's iteration may have failed for wrong declared derivatives."""
     return z.i[mem.FALLBACK] and ended not in (mem.CONVERGED, mem.SPENT, mem.NONFINITE)
 
@@ -92,11 +92,11 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
             return mem.SPENT
         if ended == mem.NO_ADVANCE:
             return failed
-        if is_suspect(z, ended):
-            return mem.SUSPECT
+        if may_fall_back(z, ended):
+            return mem.FALL_BACK
         if ended != mem.CONVERGED:
             failed = ended
-        elif rejected == 0 and abs(h) < REMAINDER * proposed and is_told(control, o):
+        elif rejected == 0 and abs(h) < REMAINDER * proposed and step_is_known(control, o):
             tried[mem.ERROR_SIZE], tried[mem.NEXT_H] = NO_ESTIMATE, asked
             return mem.CONVERGED
         else:
@@ -118,7 +118,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
 
 
 @compiled
-def is_told(control: Any, o: Any) -> Any:
+def step_is_known(control: Any, o: Any) -> Any:
     """Whether the motion has told the length of the next step: an error has, or the look at the start."""
     return control[mem.LAST_ERROR] >= 0.0 or o.first_step == 0.0
 

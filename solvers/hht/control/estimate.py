@@ -31,9 +31,9 @@ def begin(z: Any, at: Any, scale: Any) -> None:
 
 
 @compiled
-def put_levels(z: Any, slot: Any, sign: Any, position: Any) -> None:
+def put_levels(z: Any, lu: Any, sign: Any, position: Any) -> None:
     """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side."""
-    right, off, h, m = part(z, mem.RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + slot)[mem.MADE_H], z.i[mem.M]
+    right, off, h, m = part(z, mem.RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + lu)[mem.MADE_H], z.i[mem.M]
     for i in range(m):
         if position:
             right[z.i[mem.O_LAM0] + i] = sign * off[i] * (2 / (h * h))
@@ -51,38 +51,38 @@ def levels_at(z: Any, t: Any) -> None:
 
 
 @compiled
-def filtered(z: Any, slot: Any, t1: Any, h: Any, inside: Any) -> Any:
-    """The errors over WEIGHTS, filtered by the matrix in ``slot``: their root mean square.
+def filtered(z: Any, lu: Any, t1: Any, h: Any, inside: Any) -> Any:
+    """The errors over WEIGHTS, filtered by the matrix in ``lu``: their root mean square.
 
     And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
     """
-    n, raw, made, o = z.i[mem.N], z.i[2 * mem.RAW], part(z, mem.RECORD + slot)[mem.MADE_H], part(z, mem.CONSTANTS)
+    n, raw, made, o = z.i[mem.N], z.i[2 * mem.RAW], part(z, mem.RECORD + lu)[mem.MADE_H], part(z, mem.CONSTANTS)
     error, weights, solution, change = part(z, mem.ERROR), part(z, mem.WEIGHTS), part(z, mem.SOLUTION), part(z, mem.CHANGE)
     in_q, in_v = o[mem.BETA] * (made / h) * (made / h), made * o[mem.GAMMA]
     begin(z, raw, in_q)
-    respond(z, slot)
+    respond(z, lu)
     for i in range(n):
         error[i] = change[i]
         if z.i[mem.O_RK] >= 0:
             error[i] -= 0.5 * made * made * solution[z.i[mem.O_RK] + i]
     begin(z, raw + n, in_v)
-    respond(z, slot)
+    respond(z, lu)
     begin(z, z.i[2 * mem.CHANGE] + n, in_v)  # once more, together with what the error of q makes of v across the constraints
     if z.i[mem.M] + z.i[mem.P] > 0:
         place, end = part(z, mem.PLACE), part(z, mem.END)
         for i in range(n):
             place[1 + i], place[1 + n + i] = end[i] + error[i], end[n + i]
         levels_at(z, t1)
-        put_levels(z, slot, -1.0, False)
-    respond(z, slot)
+        put_levels(z, lu, -1.0, False)
+    respond(z, lu)
     put(error, n, change[n:])
     size = weighted_rms(error, weights)
     if not inside:
         return size, 0.0
     begin(z, raw, math.inf)
     levels_inside(z, h)
-    put_levels(z, slot, 1.0, True)
-    respond(z, slot)
+    put_levels(z, lu, 1.0, True)
+    respond(z, lu)
     return size, weighted_rms(change, weights)
 
 
@@ -117,7 +117,7 @@ def missed(z: Any, h: Any) -> Any:
 
 
 @compiled
-def answered(z: Any, slot: Any, t1: Any, counts: Any) -> Any:
+def answered(z: Any, lu: Any, t1: Any, counts: Any) -> Any:
     """The size of the error with what the step leaves of MISSED in q, and that of what it makes of v, (H59)."""
     n, off, error, change = z.i[mem.N], part(z, mem.MISSED), part(z, mem.ERROR), part(z, mem.CHANGE)
     place, end, weights, answer = part(z, mem.PLACE), part(z, mem.END), part(z, mem.WEIGHTS), part(z, mem.ANSWER)
@@ -132,8 +132,8 @@ def answered(z: Any, slot: Any, t1: Any, counts: Any) -> Any:
         for i in range(n):
             place[1 + i], place[1 + n + i] = end[i] + off[i], end[n + i]
         levels_at(z, t1)
-        put_levels(z, slot, 1.0, True)
-    respond(z, slot)
+        put_levels(z, lu, 1.0, True)
+    respond(z, lu)
     for i in range(n):
         error[i] = off[i] - change[i]
         change[i] = 0.0
@@ -144,7 +144,7 @@ def answered(z: Any, slot: Any, t1: Any, counts: Any) -> Any:
 def estimate(z: Any, counts: Any) -> Any:
     """The size of the attempt's error, (H26), or infinity; f + r at its end is the last third of RAW."""
     n, end, number, tried = z.i[mem.N], part(z, mem.END), part(z, mem.NUMBER), part(z, mem.ATTEMPT)
-    h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
+    h, t1, lu = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     given = address(z, mem.X), address(z, mem.STEP), address(z, mem.CONTROL), address(z, mem.END)
     call(z, mem.C_RAW, mem.RAW, given)
     relative, size_q = weigh(z, end[:n], end[n : 2 * n])
@@ -152,16 +152,16 @@ def estimate(z: Any, counts: Any) -> Any:
     for i in range(n):
         least = min(least, weights[n + i])
     seen = EPS * size_q <= ROUNDOFF * abs(h) * least  # else v inside the step is roundoff over h
-    lagged = int(number[mem.FACTOR])
+    stored = int(number[mem.FACTOR])
     found = 0.0
-    if lagged >= 0 and lagged != slot:  # the matrix before it: stiffness met in this very step is no filter
-        found, _ = filtered(z, lagged, t1, h, False)
-    again, off = filtered(z, slot, t1, h, seen and z.i[mem.M] + z.i[mem.P] > 0)
+    if stored >= 0 and stored != lu:  # the matrix before it: stiffness met in this very step is no filter
+        found, _ = filtered(z, stored, t1, h, False)
+    again, off = filtered(z, lu, t1, h, seen and z.i[mem.M] + z.i[mem.P] > 0)
     size = (found if found > again else again) / relative
     if z.i[mem.STIFF_FORCES] and math.isfinite(size):
         in_q, in_v = missed(z, h)
         if in_q > FILTERED * size * relative and max(in_q / relative, in_v) > SLIGHT:
-            left, in_v = answered(z, slot, t1, counts)
+            left, in_v = answered(z, lu, t1, counts)
             size = left / relative if left > FILTERED * size * relative else size
             off = max(off, in_v) if seen else off
     return max(size, off) if math.isfinite(size) else math.inf

@@ -64,7 +64,7 @@ def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, give
 def fresh_correction(
     dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, given: Any
 ) -> Any:
-    """A correction with the matrix at the iterate ``x`` (size,), and what a lagged matrix needs, (H14).
+    """A correction with the matrix at the iterate ``x`` (size,), and what a stored matrix needs, (H14).
 
     ``entries`` are the flat places of dq1/dx over dv1/dx (2n, size) that can differ from zero.
 
@@ -81,7 +81,7 @@ def fresh_correction(
     return xp.concatenate([_sized(dynamics, layout, inverted @ residual, maps), inverted.T.ravel(), own, largest])
 
 
-def lagged_correction_and_end(
+def stored_correction_and_end(
     dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, inverted: Any, own: Any, given: Any
 ) -> Any:
     """Corrections with the matrix of an earlier :func:`fresh_correction`, and the state after the step.

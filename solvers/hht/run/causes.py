@@ -232,14 +232,14 @@ def unresolved_forces(t: Vector, h: Vector, q: Matrix, v: Matrix, a: Matrix) -> 
         largest = np.abs(v).max(axis=1, keepdims=True)
         changes = np.abs(np.diff(a[:, 1:]) * h[2:])
         moving = largest * float(np.abs(h).max()) > VISIBLE * float(np.abs(q).max())
-        suspect = (changes > UNRESOLVED * largest) & moving
-        if not np.count_nonzero(suspect):
+        coarse = (changes > UNRESOLVED * largest) & moving
+        if not np.count_nonzero(coarse):
             return ""
         bends = np.abs(np.diff(np.diff(v) / h[1:]) * h[2:])
-        suspect &= (bends > np.maximum(UNRESOLVED * largest, FOLLOWS * changes)) & np.isfinite(bends)
-    if not np.count_nonzero(suspect):
+        coarse &= (bends > np.maximum(UNRESOLVED * largest, FOLLOWS * changes)) & np.isfinite(bends)
+    if not np.count_nonzero(coarse):
         return ""
-    at, step = np.unravel_index(np.argmax(np.where(suspect, changes / np.maximum(largest, TINY), 0.0)), suspect.shape)
+    at, step = np.unravel_index(np.argmax(np.where(coarse, changes / np.maximum(largest, TINY), 0.0)), coarse.shape)
     return (
         f"Warning: in the step to t = {t[step + 2]:.10g} forces change v[{at}] by {changes[at, step]:.2g}, and it is "
         f"{largest[at, 0]:.2g} at most: the steps do not resolve the forces; compare with shorter steps."

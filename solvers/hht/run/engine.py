@@ -74,15 +74,15 @@ class Engine:
         self.fallible = bool(known.declared) and not (functions.newton.matrix_cost and functions.alone)
         self.plain = options.engine == "python"  #: the loops run as plain Python
         self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
-        self.distrusts = False  #: whether the declared derivatives were given up
+        self.fell_back = False  #: whether the declared derivatives were given up
         self._events: tuple[Event, ...] = ()
         self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
-        self._not_suspect: State | None = None  #: a state from which derived derivatives have failed too
+        self._failed_derived: State | None = None  #: a state from which derived derivatives have failed too
 
     @property
     def reusable(self) -> bool:
         """Whether another run may take this engine: nothing but :meth:`again` ties it to this one."""
-        return not (self.plain or self.distrusts)
+        return not (self.plain or self.fell_back)
 
     @property
     def nbytes(self) -> int:
@@ -91,7 +91,7 @@ class Engine:
 
     def again(self, place: Place, work: Work) -> Engine:
         """This engine for another run, from ``place``, as if it were new."""
-        self.place, self.work, self._stopped, self._not_suspect = place, work, None, None
+        self.place, self.work, self._stopped, self._failed_derived = place, work, None, None
         if "loops" in self.__dict__:
             self.loops.again(work)
         return self
@@ -196,7 +196,7 @@ class Engine:
         if state.h is not None:  # stepping began without control: v' of a step belongs to its middle
             state = self.with_multipliers(state) if self.structure.constrained else replace(state, vdot=state.f)
         loops, start = self.loops, self.method.start
-        loops.load(state, None, controlled=True, suspicious=False)
+        loops.load(state, None, controlled=True, fallback=False)
         loops.held = None  # until it is stored
         loops.call(plan_first_step, stop, start == "f0")
         state = loops.store(controlled=True)
@@ -207,8 +207,8 @@ class Engine:
         return replace(state, a=a)
 
     def _load(self, state: State, values: Vector | None, *, controlled: bool) -> None:
-        suspicious = self.fallible and self._not_suspect is not state
-        self.loops.load(state, values, controlled=controlled, suspicious=suspicious)
+        fallback = self.fallible and self._failed_derived is not state
+        self.loops.load(state, values, controlled=controlled, fallback=fallback)
 
     def try_step(self, h: float, t1: float) -> int:
         """How a trial of a step of h [s] to t1 ended, from the state that is in the memory, with the last trial's matrix."""
@@ -246,15 +246,15 @@ class Engine:
         for name, values in zip(ATTEMPTED, attempt, strict=True):
             self.loops.section(name)[:] = values
 
-    def give_up_derivatives(self, state: State) -> bool:
+    def retry_without_declared(self, state: State) -> bool:
         """Whether the step that was tried last is made without the declared derivatives, which then are given up."""
         if not self.fallible:
-            self._not_suspect = state
+            self._failed_derived = state
             return False
         declared_ones = self.functions, self.loops
         h, t1 = self.loops.section(mem.ATTEMPT)[[mem.H_TRIED, mem.T_END]].tolist()
-        names, controlled = self.distrust(), state.controlled
-        self.loops.load(replace(state, factorised=None), None, controlled=controlled, suspicious=False)
+        names, controlled = self.fall_back(), state.controlled
+        self.loops.load(replace(state, factorised=None), None, controlled=controlled, fallback=False)
         ended = self.loops.call(try_step, h, t1)
         self.loops.held = None
         if ended == mem.CONVERGED:
@@ -266,10 +266,10 @@ class Engine:
             )
             return True
         self.functions, self.loops = declared_ones
-        self.fallible, self.distrusts, self._not_suspect = True, False, state
+        self.fallible, self.fell_back, self._failed_derived = True, False, state
         return False
 
-    def distrust(self) -> str:
+    def fall_back(self) -> str:
         """Give up the declared derivatives in Newton's matrix for derived ones; returns their names."""
         if not self.fallible:
             return ""
@@ -278,7 +278,7 @@ class Engine:
         self.functions = functions_for(usable(derived, at), self.method, self.linsolver)
         for name in ("loops", "why"):
             self.__dict__.pop(name, None)
-        self.fallible, self.distrusts = False, True
+        self.fallible, self.fell_back = False, True
         return ", ".join(self.declared)
 
     def explain(self, state: State, t1: float) -> NonFiniteValue | None:

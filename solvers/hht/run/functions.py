@@ -27,12 +27,12 @@ from solvers.hht.equations.corrections import SMALL as SMALLEST
 from solvers.hht.equations.corrections import (
     constraint_residual,
     fresh_correction,
-    lagged_correction_and_end,
     residual_and_end,
     residual_and_entries,
     residual_of,
     state_after,
     state_size,
+    stored_correction_and_end,
 )
 from solvers.hht.equations.known import Layout
 from solvers.hht.equations.local_error import REMEMBERED, answer, raw_errors, scaled_inertia
@@ -123,7 +123,7 @@ class Functions:
         return copied(self._blank)
 
     def _memory(self, events: int, samples: int) -> Memory:
-        z = self.analysis.memory(**self._sizes, computed=self.analysis.slots.size, events=events, samples=samples)
+        z = self.analysis.memory(**self._sizes, computed=self.analysis.targets.size, events=events, samples=samples)
         sizes = self.layout.unknowns
         starts = dict(zip(sizes, accumulate(sizes.values(), initial=0), strict=False))
         z.i[mem.O_R0 : mem.O_R0 + 6] = [starts.get(name, -1) for name in ("R0", "R1", "lam0", "lam1", "Rk", "mu")]
@@ -165,7 +165,7 @@ class MachineCode(Functions):
                 native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
             self._sizes["fresh"] = matrix.size
-            function, heads = lagged_correction_and_end, (2 * size + 2, 3 * size + 4)
+            function, heads = stored_correction_and_end, (2 * size + 2, 3 * size + 4)
             options = {"shapes": ((size,), (size**2,), (flat.size,), self.given)}
         end = heads[1] + state_size(layout)
         early = native(function, dynamics, *static, *more, stage="early", **options)
@@ -266,7 +266,7 @@ class PythonFunctions(Functions):
         shapes = (size,), self.given, None
         self._codes = {
             "residual": self.made(residual_of, size, shapes, *static),
-            "matrix": (entries, self.analysis.slots.size, shapes),
+            "matrix": (entries, self.analysis.targets.size, shapes),
             "constraints": self.made(constraint_residual, size, shapes, *static),
             "end": self.made(state_after, state_size(layout), shapes, *static),
         }

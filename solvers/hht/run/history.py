@@ -61,7 +61,7 @@ class History:
         self._output: list[tuple[Matrix, Any]] = []  # rows, and which of them are between steps
         self._around: list[Matrix] = []  # rows of the steps around those
         self._sizes: Any = 0.0  # (2n,) of the steps that were dropped
-        self._remarks: list[str] = []
+        self._notes: list[str] = []
         self._occurrences: tuple[list[Occurrence], ...] = tuple([[] for _ in range(events)])
 
     def restart(self, row: Vector) -> None:
@@ -85,12 +85,12 @@ class History:
         """``count`` of those rows hold accepted steps now."""
         self._count += count
 
-    def replace_last(self, steps: int, row: Vector, remark: str) -> None:
+    def replace_last(self, steps: int, row: Vector, note: str) -> None:
         """One step with the end ``row`` in the place of the last ``steps``, and what is to be said of it."""
         self._count -= steps
         self.room(1)[0] = row
         self.commit(1)
-        self._remarks.append(remark)
+        self._notes.append(note)
 
     def last(self, count: int, which: Sequence[int] = (0, 2, 3)) -> list[Matrix]:
         """t, q and v, (k, 1), (k, n) each, or ``which`` parts, of ``count`` last rows at most, after any change of state."""
@@ -209,11 +209,11 @@ class History:
         t, q, v = self._columns(0, 2, 3)
         return HermiteOutput(t[:, 0].copy(), q, v)
 
-    def remarks(self) -> list[str]:
+    def notes(self) -> list[str]:
         """What is to be said of singular positions, and of the states at events."""
         notes = Counter((o.name, o.note) for each in self._occurrences for o in each if o.note)
         times = {count: f", {count} times" if count > 1 else "" for count in notes.values()}
-        return self._remarks + [f"Event {name!r}{times[count]}: {note}" for (name, note), count in notes.items()]
+        return self._notes + [f"Event {name!r}{times[count]}: {note}" for (name, note), count in notes.items()]
 
     def _events(self) -> dict[str, Any]:
         """Times and states of the events, as :class:`~hhtbench.Solution` names them."""

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any
 
 from hhtbench.lowering.dynamics.callbacks import Callbacks
-from solvers.hht.run.leaps import Stepped, leaping
+from solvers.hht.run.branches import Stepped, branch_switch
 from solvers.kernel.kkt import acceleration_level
 
 Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parameters, by name
@@ -24,5 +24,5 @@ def python_codes(engine: Stepped, callbacks: Callbacks) -> Codes:
     inverse = n * n if s.mass == "variable" else 0
     level = callbacks.entry(partial(acceleration_level, weak), 1 + n + m + p, ((), (n,), (n,), (m,), (p,)))
     force = callbacks.entry(lambda *at: weak.bare_force(*at), n + inverse, ((), (n,), (n,)))
-    leap = callbacks.entry(partial(leaping, weak), n, ((6 + 2 * n,), (n,), (n,), (2,)))
+    leap = callbacks.entry(partial(branch_switch, weak), n, ((6 + 2 * n,), (n,), (n,), (2,)))
     return {"acceleration": (level, 0), "force": (force, 0), "leap": (leap, 0)}

@@ -20,8 +20,8 @@ from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.known import Layout
 from solvers.hht.events.event import Event, EventFunctions
+from solvers.hht.run.branches import Stepped
 from solvers.hht.run.in_python import Codes, python_codes
-from solvers.hht.run.leaps import Stepped
 from solvers.hht.run.march import march, remake
 from solvers.hht.step.attempt import LEAP
 from solvers.hht.step.state import ControlMemory, Factorised, State
@@ -110,10 +110,10 @@ class Loops:
             o, self._allowed = self.functions.newton, tolerances
             self._stops_early = o.remaining > 0.0 and tolerances.finest >= o.finest
 
-    def load(self, state: State, values: Vector | None, *, controlled: bool, suspicious: bool) -> None:
+    def load(self, state: State, values: Vector | None, *, controlled: bool, fallback: bool) -> None:
         """Put ``state`` into the memory, with its factorisation made again, and the ``values`` of the event functions there.
 
-        ``suspicious``: a failure of Newton's iteration may be that of declared derivatives.
+        ``fallback``: a failure of Newton's iteration may be that of declared derivatives.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class Loops:
                 self.work.tally.update(before)
             self._fill(state if ended == mem.CONVERGED else replace(state, factorised=None))
             self.held = state
-        self.ready(controlled=controlled, suspicious=suspicious)
+        self.ready(controlled=controlled, fallback=fallback)
         if values is not None:
             self.section(mem.EVENT_VALUES)[:] = values
         if self.events.events:
@@ -193,10 +193,10 @@ class Loops:
             tally[name] += count
         self._counts.fill(0)
 
-    def ready(self, *, controlled: bool, suspicious: bool) -> None:
+    def ready(self, *, controlled: bool, fallback: bool) -> None:
         """Say how the next steps are made, with as many evaluations as they take."""
         z = self.z
-        z.i[mem.FALLBACK], z.i[mem.CONTROLLED], z.i[mem.EVALUATIONS] = suspicious, controlled, UNLIMITED
+        z.i[mem.FALLBACK], z.i[mem.CONTROLLED], z.i[mem.EVALUATIONS] = fallback, controlled, UNLIMITED
         z.i[mem.STOPS_EARLY] = controlled and self._stops_early
 
     def raise_noted(self) -> None:
@@ -210,11 +210,11 @@ class Loops:
             self.z.i[at : at + 2] = pair
 
     def _fill(self, state: State) -> None:
-        """Write ``state``, which fits; its factorisation, if any, is in slot 0 already."""
+        """Write ``state``, which fits; its factorisation, if any, is the first already."""
         earlier, memory, made = state.earlier, state.memory, state.factorised
         known = 0 if state.unknowns is None else 1 + (0 if earlier is None else len(earlier))
-        slot = -1.0 if made is None else 0.0
-        self.section(mem.NUMBER)[:] = state.t, state.h or 0.0, state.size_q, state.size_v, known, slot
+        lu = -1.0 if made is None else 0.0
+        self.section(mem.NUMBER)[:] = state.t, state.h or 0.0, state.size_q, state.size_v, known, lu
         if made is not None:
             record = self.section(mem.RECORD)
             record[mem.RATE], record[mem.USES], record[mem.KEPT_COST] = made.rate, made.uses, made.cost
@@ -260,11 +260,11 @@ class KeptState(NamedTuple):
 
     def read(self, name: str) -> Any:
         """What :class:`State` has by that name."""
-        known, slot = self.part(mem.NUMBER)[mem.KNOWN : mem.FACTOR + 1].tolist()
+        known, lu = self.part(mem.NUMBER)[mem.KNOWN : mem.FACTOR + 1].tolist()
         if name == "memory":
             return self._memory() if self.controlled else None
         if name == "factorised":
-            return None if slot < 0.0 else self._factorised(int(slot))
+            return None if lu < 0.0 else self._factorised(int(lu))
         if name == "earlier":
             return self.part(mem.X_EARLIER).reshape(HIGHEST, -1)[: int(known) - 1] if known > 1.0 else None
         found = self.part(OF_STATE[name])
@@ -287,15 +287,15 @@ class KeptState(NamedTuple):
             error=None if error < 0.0 else error,
         )
 
-    def _factorised(self, slot: int) -> Factorised:
-        rate, uses, _, cost = self.part(mem.RECORD + slot)[mem.RATE : mem.KEPT_COST + 1].tolist()
-        return Factorised(at=self.part(mem.MADE_AT + slot), rate=rate, uses=int(uses), cost=cost)
+    def _factorised(self, lu: int) -> Factorised:
+        rate, uses, _, cost = self.part(mem.RECORD + lu)[mem.RATE : mem.KEPT_COST + 1].tolist()
+        return Factorised(at=self.part(mem.MADE_AT + lu), rate=rate, uses=int(uses), cost=cost)
 
 
 def state_sections(z: Memory) -> tuple[slice, Parts]:
     """Where in the floats of the memory all of the state stands, and in that its sections by name."""
-    slots = (mem.RECORD, mem.RECORD + 1, mem.MADE_AT, mem.MADE_AT + 1)
-    sections = (mem.NUMBER, *OF_STATE.values(), mem.X_EARLIER, mem.CONTROL, *OF_CONTROL.values(), *slots)
+    pairs = (mem.RECORD, mem.RECORD + 1, mem.MADE_AT, mem.MADE_AT + 1)
+    sections = (mem.NUMBER, *OF_STATE.values(), mem.X_EARLIER, mem.CONTROL, *OF_CONTROL.values(), *pairs)
     bounds = {section: z.i[2 * section : 2 * section + 2].tolist() for section in sections}
     first = min(start for start, _ in bounds.values())
     parts = {section: slice(start - first, start - first + size) for section, (start, size) in bounds.items()}

@@ -63,7 +63,7 @@ def take(z: Memory, row: FloatMatrix, located: bool) -> None:
 
 @called
 def remake(z: Memory, made_at: FloatArray) -> Any:
-    """Make the matrix of a saved state again, from where it was made, into slot 0; the state in memory is lost."""
+    """Make the matrix of a saved state again, from where it was made, into the first place; the state in memory is lost."""
     size, counts = part(z, mem.X).size, indices(z, mem.COUNTED)
     put(part(z, mem.X), 0, made_at[:size])
     put(view(z.w, z.i[2 * mem.STEP], made_at.size - size), 0, made_at[size:])

@@ -16,7 +16,7 @@ from hhtbench.lowering.dynamics.products import paying_products
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent
 from solvers._dense import OnConstraints
-from solvers._projection import OneByOne, Unmet, near
+from solvers._projection import OneByOne, ProjectionFailure, near
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.functions import Functions, MachineCode
 from solvers.kernel import memory as mem
@@ -29,7 +29,7 @@ from solvers.kernel.projection import project
 _known = Cache(16)  # memory of the loops for one system, or None where no machine code serves
 
 
-def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> Unmet:
+def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> ProjectionFailure:
     """Move q and v (k, n) at the times ``t`` (k,) onto both levels, as work for output; what could not be moved stays.
 
     Of methods whose steps are on the position level only nothing is moved: it would look better than the steps.
@@ -37,7 +37,7 @@ def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: V
     """
     work, clock = engine.work, engine.work.clock
     if not (t.size and engine.structure.constrained and engine.method.coefficients.both_levels):
-        return Unmet()
+        return ProjectionFailure()
     with work.for_output():
         work.add("residual_evaluations", engine.points * t.size)
         functions = None if engine.plain else engine.functions
@@ -67,7 +67,7 @@ def put(
     v: Matrix,
     sizes: Vector,
     going: Callable[[], bool] = lambda: True,
-) -> Unmet:
+) -> ProjectionFailure:
     """The same for ``dynamics``, of whose ``functions`` some may be machine code, as long as it is ``going`` on."""
     done = np.zeros(t.size, dtype=bool)
     found = None

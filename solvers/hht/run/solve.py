@@ -22,7 +22,7 @@ from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecov
 from solvers._start import Failure, Guesses, Place
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
-from solvers.hht.run import idle
+from solvers.hht.run import engine_pool
 from solvers.hht.run.causes import alternating_vibration, diagnosed, explained, unresolved_forces
 from solvers.hht.run.crossing import Approach
 from solvers.hht.run.engine import Engine
@@ -84,7 +84,7 @@ class Integration:
         engine.raise_left_over()
         note = f"{started.note} {self._warnings(plan, state.size_q)}".strip()
         solution = self._assembled(self.stepper, self._checked(end), note)
-        idle.put_back(started.purpose, engine)
+        engine_pool.put_back(started.purpose, engine)
         return solution
 
     def left_over(self, end: Failure) -> Solution:
@@ -99,10 +99,10 @@ class Integration:
         engine = stepper.engine
         self.work.only_output_is_left()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
-        unmet, own, carried = self._put_on_constraints(engine, rows), own_multipliers(rows), None
+        missed, own, carried = self._put_on_constraints(engine, rows), own_multipliers(rows), None
         if self.request.t_eval is None and engine.structure.constrained:
             carried = dict(zip(("lam", "mu"), padded(engine.dynamics, own.lam.copy(), own.mu.copy()), strict=True))
-        note = " ".join(filter(None, (unmet, *self.history.remarks(), note)))
+        note = " ".join(filter(None, (missed, *self.history.notes(), note)))
         if rows.t.size < asked:
             note = f"The time budget ended when {rows.t.size} of {asked} rows were interpolated; no more follow. {note}"
             end = replace(end, status=Status.deadline) if end.status is Status.success else end
@@ -136,9 +136,9 @@ class Integration:
         if which is None or not np.count_nonzero(which):  # in a fifth of the time of any()
             return ""
         q, v = rows.q[which], rows.v[which]
-        unmet = put_on_constraints(engine, rows.t[which], q, v, self.history.sizes())
+        missed = put_on_constraints(engine, rows.t[which], q, v, self.history.sizes())
         rows.q[which], rows.v[which] = q, v
-        return str(unmet)
+        return str(missed)
 
     def _checked(self, end: Failure) -> Failure:
         """``end``; of a success a failure where times do not resolve the steps, or prescribed steps were unstable."""

@@ -17,7 +17,7 @@ from solvers._projection import Projection, closest
 from solvers._start import Failure, Guesses, Place, dynamics_for, tried_twice
 from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
-from solvers.hht.run import idle
+from solvers.hht.run import engine_pool
 from solvers.hht.run.engine import SHIFTED, Engine
 from solvers.hht.step.state import State
 
@@ -69,8 +69,8 @@ def begin(
     used again, and left for the next where no motion begins.
     """
 
-    purpose = idle.purpose_of(system, options, place.q.size, controlled=controlled)
-    ready = idle.take(purpose)
+    purpose = engine_pool.purpose_of(system, options, place.q.size, controlled=controlled)
+    ready = engine_pool.take(purpose)
     unseen = ready is not None and not ready.compared  # declared derivatives are looked at before anything begins
 
     engine = ready
@@ -99,7 +99,7 @@ def begin(
 
     started: Started | Failure = tried_twice(begun, work, place.t)
     if isinstance(started, Failure) and engine is not None:
-        idle.put_back(purpose, engine)
+        engine_pool.put_back(purpose, engine)
     return started
 
 

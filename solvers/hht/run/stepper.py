@@ -104,8 +104,8 @@ class Stepper:
             watch = replace(watch, values=engine.loops.section(mem.EVENT_VALUES).copy(), changed=())
         if ended == mem.CONVERGED:
             return Accepted(state, watch, made)
-        if ended == mem.SUSPECT:
-            engine.give_up_derivatives(before)
+        if ended == mem.FALL_BACK:
+            engine.retry_without_declared(before)
             return self._advance(before, watch, stop, rows, horizon)
         if ended == mem.EVENT_NONFINITE:
             self._raise_nonfinite()
@@ -262,8 +262,8 @@ class Stepper:
         q, v = (np.atleast_2d(x) for x in output(t))
         if t in output.t or not (self.engine.structure.constrained and self.engine.method.coefficients.both_levels):
             return q[0], v[0], ""
-        unmet = put_on_constraints(self.engine, np.array([t]), q, v, sizes_from(output.q, output.v))
-        return q[0], v[0], str(unmet)
+        missed = put_on_constraints(self.engine, np.array([t]), q, v, sizes_from(output.q, output.v))
+        return q[0], v[0], str(missed)
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:

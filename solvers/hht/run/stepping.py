@@ -47,7 +47,7 @@ class IntegratorState:
     watch: EventState
     last: HermiteOutput  #: the last step; one row before the first
     direction: float = 0.0  #: of time, 1 or -1; 0: not known before the first step
-    distrusts: bool = False  #: whether the engine has given up the declared derivatives
+    fell_back: bool = False  #: whether the engine has given up the declared derivatives
     message: str = ""
     occurrences: tuple[Occurrence, ...] = ()  #: of the last call
     tally: Counter[str] = field(default_factory=Counter)  #: work since the start
@@ -194,7 +194,7 @@ class Onward:
         self._starts = [
             tuple(array.copy() for array in self._all) for _ in range(2)
         ]  # of the last two steps, by their number
-        engine.loops.ready(controlled=plan.by_error is not None, suspicious=engine.fallible)
+        engine.loops.ready(controlled=plan.by_error is not None, fallback=engine.fallible)
 
     def goes_on(self, integrator: IntegratorState) -> bool:
         """Whether the memory holds what ``integrator`` does, or what has followed from it."""

@@ -132,23 +132,23 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     accelerations, typical = max(acceleration, largest(part(z, mem.F)), largest(part(z, mem.A))), part(z, mem.TYPICAL)
     typical[0], typical[1] = typical_sizes(abs(h), size_q, size_v, accelerations)
     tried[mem.ROOT_TOLERANCE] = tried[mem.LEAPS] = 0.0
-    level, lagged = z.i[2 * mem.LAM], int(number[mem.FACTOR])
+    level, stored = z.i[2 * mem.LAM], int(number[mem.FACTOR])
     guess(z, h)
-    ended, slot, rate = newton(z, lagged, h, counts)
+    ended, lu, rate = newton(z, stored, h, counts)
     ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         counts[mem.RESTARTS] += 1
         early(z)  # it may have held the one value that was not finite
         level = multipliers_anew(z, h, counts)
         plain_guess(z, level)
-        ended, slot, rate = restarted(z, lagged, h, False, counts)
+        ended, lu, rate = restarted(z, stored, h, False, counts)
         ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         early(z)
         plain_guess(z, level)
-        ended, slot, rate = restarted(z, lagged, h, True, counts)
+        ended, lu, rate = restarted(z, stored, h, True, counts)
         ended = finished(z, ended, t1, counts)
-    tried[mem.SLOT], tried[mem.CONTRACTION] = slot, rate
+    tried[mem.SLOT], tried[mem.CONTRACTION] = lu, rate
     return ended
 
 
@@ -193,7 +193,7 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
         ended = mem.NONFINITE
     if ended == mem.CONVERGED and z.i[mem.CALLS_PYTHON] and not finite(part(z, mem.END)):
         ended = mem.NONFINITE
-    if ended == mem.CONVERGED and z.i[mem.M] > 0 and leaps(z):
+    if ended == mem.CONVERGED and z.i[mem.M] > 0 and switches_branch(z):
         ended = mem.DIVERGED
     if ended == mem.NONFINITE:
         counts[mem.NONFINITES] += 1
@@ -201,23 +201,23 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
 
 
 @compiled
-def leaps(z: Any) -> Any:
+def switches_branch(z: Any) -> Any:
     """Whether END is where neither velocities nor forces take q, (H58): constraints have other solutions."""
     n, q, v, end, off = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP)
     tried = part(z, mem.ATTEMPT)
     for i in range(n):
         off[i] = end[i] - q[i] - 0.5 * tried[mem.H_TRIED] * (v[i] + end[n + i])
-    if leaping(z) < 0:
+    if branch_switch(z) < 0:
         return False
     put(part(z, mem.ERROR), 0, off[:n])
     given = address(z, mem.NUMBER), address(z, mem.ERROR), address(z, mem.END), address(z, mem.ATTEMPT)
     call_python(z, mem.C_LEAP, mem.LEAP, given)
-    tried[mem.LEAPS] = 1.0 + leaping(z)
+    tried[mem.LEAPS] = 1.0 + branch_switch(z)
     return tried[mem.LEAPS] > 0.0
 
 
 @compiled
-def leaping(z: Any) -> Any:
+def branch_switch(z: Any) -> Any:
     """The first coordinate of LEAP that is as large as in (H58), or -1."""
     n, tried, typical, q, v = z.i[mem.N], part(z, mem.ATTEMPT), part(z, mem.TYPICAL), part(z, mem.Q), part(z, mem.V)
     end, off, vdot, h = part(z, mem.END), part(z, mem.LEAP), part(z, mem.VDOT), tried[mem.H_TRIED]
@@ -239,7 +239,7 @@ def accept(z: Any, row: Any) -> None:
     """Make the end of the attempt the state, and write it to ``row`` as ``run.history.History`` keeps it."""
     n, m, p, x, end, number = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.X), part(z, mem.END), part(z, mem.NUMBER)
     tried = part(z, mem.ATTEMPT)
-    h, t1, slot = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
+    h, t1, lu = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     row[0], row[1] = t1, h
     same = number[mem.KNOWN] > 0.0 and number[mem.H] == h
     earlier, last, size = part(z, mem.X_EARLIER), part(z, mem.X_LAST), x.size
@@ -262,8 +262,8 @@ def accept(z: Any, row: Any) -> None:
     if z.i[mem.VARIABLE]:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
     number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known
-    record = part(z, mem.RECORD + slot)
+    record = part(z, mem.RECORD + lu)
     record[mem.RATE], record[mem.KEPT_COST] = tried[mem.CONTRACTION], tried[mem.COST]
-    number[mem.FACTOR] = slot
+    number[mem.FACTOR] = lu
     number[mem.SIZE_Q] = max(number[mem.SIZE_Q], largest(end[:n]))
     number[mem.SIZE_V] = max(number[mem.SIZE_V], largest(end[n : 2 * n]))

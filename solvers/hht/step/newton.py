@@ -61,7 +61,7 @@ class Iteration(NamedTuple):
     """Where Newton's iteration stands."""
 
     rows: int  #: that are iterated
-    slot: int  #: of the matrix; -1: one at the iterate is to be made
+    lu: int  #: of the matrix; -1: one at the iterate is to be made
     fresh: bool  #: it was made in this step
     size: float  #: of the last increment: largest change of q1 and v1 over typical sizes, (H15)
     rate: float  #: that over the one before it, by this matrix; 0: the first
@@ -75,16 +75,16 @@ FRESH = 2.0  # iterations with a matrix at the iterate
 
 
 @compiled
-def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
-    """(how it ended, slot of the last matrix, its worst contraction); ``lagged`` is the slot of the state's matrix, or -1.
+def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
+    """(how it ended, place of the last matrix, its worst contraction); ``stored`` is that of the state's matrix, or -1.
 
-    The lagged matrix serves as long as it contracts; a matrix at the iterate takes its place where it does not.
+    The stored matrix serves as long as it contracts; a matrix at the iterate takes its place where it does not.
     """
-    i, spare = begun(z, lagged, h), 1 - lagged if lagged >= 0 else 0
-    kept = i.slot >= 0
+    i, spare = begun(z, stored, h), 1 - stored if stored >= 0 else 0
+    kept = i.lu >= 0
     for taken in range(z.i[mem.MAX_ITERATIONS]):
         counts[mem.NEWTON] += 1
-        renewed = i.slot < 0
+        renewed = i.lu < 0
         if (renewed or i.rows != CONSTRAINTS) and not spend(z, counts):
             return mem.SPENT, -1, 0.0
         if renewed:
@@ -93,7 +93,7 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
                 return ended, -1, 0.0
             i = Iteration(i.rows, spare, True, i.size, 0.0, 0.0, i.first, i.taken, i.stagnated)
         code = mem.C_CONSTRAINTS if i.rows == CONSTRAINTS else mem.C_RESIDUAL
-        in_q, in_v = corrected(z, i.slot, code, renewed, counts)
+        in_q, in_v = corrected(z, i.lu, code, renewed, counts)
         moved = scaled(z, in_q, in_v)
         if not math.isfinite(moved):
             if i.fresh:
@@ -108,35 +108,35 @@ def newton(z: Any, lagged: Any, h: Any, counts: Any) -> Any:
         if decision not in (RENEW_HERE, ALL_AGAIN):
             step_back(z)
         if decision == DONE:
-            part(z, mem.ATTEMPT)[mem.COST] = cost_with_kept(z, lagged, i.fresh, taken + 1.0 if kept else 0.0)
-            return mem.CONVERGED, i.slot, i.worst
+            part(z, mem.ATTEMPT)[mem.COST] = cost_with_kept(z, stored, i.fresh, taken + 1.0 if kept else 0.0)
+            return mem.CONVERGED, i.lu, i.worst
         i = after(i, decision)
     return mem.DIVERGED, -1, 0.0
 
 
 @compiled
-def begun(z: Any, lagged: Any, h: Any) -> Any:
+def begun(z: Any, stored: Any, h: Any) -> Any:
     """The iteration before the first increment."""
-    slot, worst = lagged, 0.0
+    lu, worst = stored, 0.0
     unmeasured(z)
     rows = UNTIL_ALLOWED if z.i[mem.STOPS_EARLY] else ALL_ROWS
-    if slot >= 0:
-        record, o = part(z, mem.RECORD + slot), part(z, mem.CONSTANTS)
+    if lu >= 0:
+        record, o = part(z, mem.RECORD + lu), part(z, mem.CONSTANTS)
         worst = record[mem.RATE]
         slow = rows == UNTIL_ALLOWED and worst > o[mem.REFRESH_RATE]  # fewer increments than to roundoff tell less of it
         dear = record[mem.KEPT_COST] > FRESH + o[mem.MATRIX_COST] > FRESH
         if slow or dear or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
-            slot, worst = -1, 0.0
-    return Iteration(rows, slot, False, math.inf, 0.0, worst, 0.0, 0, False)
+            lu, worst = -1, 0.0
+    return Iteration(rows, lu, False, math.inf, 0.0, worst, 0.0, 0, False)
 
 
 @compiled
-def cost_with_kept(z: Any, lagged: Any, renewed: Any, taken: Any) -> Any:
-    """Iterations of a step that begins with the ``lagged`` matrix: those ``taken`` by this one; 0: remembered."""
+def cost_with_kept(z: Any, stored: Any, renewed: Any, taken: Any) -> Any:
+    """Iterations of a step that begins with the ``stored`` matrix: those ``taken`` by this one; 0: remembered."""
     o = part(z, mem.CONSTANTS)
     if taken > 0.0:
         return taken + o[mem.MATRIX_COST] if renewed else taken
-    return FORGOTTEN * part(z, mem.RECORD + lagged)[mem.KEPT_COST] if lagged >= 0 else 0.0
+    return FORGOTTEN * part(z, mem.RECORD + stored)[mem.KEPT_COST] if stored >= 0 else 0.0
 
 
 @compiled
@@ -146,7 +146,7 @@ def incremented(i: Any, size: Any) -> Any:
     rate = size / i.size if seen else 0.0
     worst = max(rate, i.worst, LEAST_RATE)
     return Iteration(
-        i.rows, i.slot, i.fresh, size, rate, worst, i.first if seen else size, i.taken + 1 if seen else 0, i.stagnated
+        i.rows, i.lu, i.fresh, size, rate, worst, i.first if seen else size, i.taken + 1 if seen else 0, i.stagnated
     )
 
 
@@ -162,7 +162,7 @@ def after(i: Any, decision: Any) -> Any:
         rows = CONSTRAINTS
     elif decision == ALL_AGAIN:
         rows, size = ALL_ROWS, math.inf
-    return Iteration(rows, i.slot, i.fresh, size, i.rate, i.worst, i.first, i.taken, i.stagnated)
+    return Iteration(rows, i.lu, i.fresh, size, i.rate, i.worst, i.first, i.taken, i.stagnated)
 
 
 @compiled
@@ -180,9 +180,9 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
         return DONE
     if i.rows == CONSTRAINTS and i.rate >= o[mem.STALLED]:
         return ALL_AGAIN
-    if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.slot, i.worst):
+    if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.lu, i.worst):
         return FORCES_DONE if z.i[mem.M] + z.i[mem.P] > 0 else DONE
-    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.slot, counts):
+    if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.lu, counts):
         return DONE if i.stagnated else STALL  # the second time with a matrix at the very iterate
     if i.taken == 0:
         return GO_ON
@@ -199,7 +199,7 @@ def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
     shrinks = i.rate < part(z, mem.CONSTANTS)[mem.STALLED] and i.size > BLINDED
     if not z.i[mem.NOISY] or i.taken == 0 or part(z, mem.NOISE)[0] >= 0.0 or shrinks or not spend(z, counts):
         return False
-    measure(z, i.slot, 0, counts)
+    measure(z, i.lu, 0, counts)
     return True
 
 
@@ -215,9 +215,9 @@ def outworn(z: Any, i: Any) -> Any:
 
 
 @compiled
-def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
+def restarted(z: Any, stored: Any, h: Any, damped: Any, counts: Any) -> Any:
     """The same with a matrix at every iterate: whole increments while they contract, (H29), or ``damped`` ones."""
-    o, spare = part(z, mem.CONSTANTS), 1 - lagged if lagged >= 0 else 0
+    o, spare = part(z, mem.CONSTANTS), 1 - stored if stored >= 0 else 0
     last, before, halvings = math.inf, math.inf, 0
     unmeasured(z)
     part(z, mem.ATTEMPT)[mem.COST] = 0.0
@@ -250,7 +250,7 @@ def restarted(z: Any, lagged: Any, h: Any, damped: Any, counts: Any) -> Any:
 
 
 @compiled
-def halved(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
+def halved(z: Any, lu: Any, moved: Any, counts: Any) -> Any:
     """How often an increment is halved until the next one is smaller; -1 less how it ended where it never is."""
     x, base, full, increment = part(z, mem.X), part(z, mem.BASE_X), part(z, mem.FULL), part(z, mem.INCREMENT)
     put(base, 0, x)
@@ -262,7 +262,7 @@ def halved(z: Any, slot: Any, moved: Any, counts: Any) -> Any:
         for i in range(x.size):
             x[i] = base[i] - full[i] * fraction
         fraction *= 0.5
-        corrected(z, slot, mem.C_RESIDUAL, False, counts)
+        corrected(z, lu, mem.C_RESIDUAL, False, counts)
         next_size = length(increment, x.size)
         # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
         if next_size < size or moved <= BLINDED:

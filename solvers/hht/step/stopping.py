@@ -60,7 +60,7 @@ def converged(z: Any, moved: Any, rate: Any) -> Any:
 
 
 @compiled
-def force_rows_end(z: Any, slot: Any, rate: Any) -> Any:
+def force_rows_end(z: Any, lu: Any, rate: Any) -> Any:
     """Whether what the contraction ``rate`` leaves in the force rows is a small part of what is allowed of the step, (H35).
 
     Of the increment, and of the imbalance before it; of that itself, where the matrix answers with far less.
@@ -68,7 +68,7 @@ def force_rows_end(z: Any, slot: Any, rate: Any) -> Any:
     o = part(z, mem.CONSTANTS)
     if not 0.0 < rate < 1.0:
         return False
-    enough, size = o[mem.REMAINING] * (1.0 - rate) / rate, share_of_allowed(z, slot)
+    enough, size = o[mem.REMAINING] * (1.0 - rate) / rate, share_of_allowed(z, lu)
     if size > enough:
         return False
     imbalance(z)
@@ -77,13 +77,13 @@ def force_rows_end(z: Any, slot: Any, rate: Any) -> Any:
 
 
 @compiled
-def share_of_allowed(z: Any, slot: Any) -> Any:
+def share_of_allowed(z: Any, lu: Any) -> Any:
     """The last increment of q1 and v1 over what is allowed of the step, in the norm of (H26)."""
     tried = part(z, mem.ATTEMPT)
     if tried[mem.ROOT_TOLERANCE] == 0.0:  # what the start allows: the step's end is not known yet
         tried[mem.ROOT_TOLERANCE], _ = weigh(z, part(z, mem.Q), part(z, mem.V))
     if z.i[mem.KIND] == mem.KIND_INVERSE:  # others know CHANGE already
-        move(z, slot, part(z, mem.INCREMENT))
+        move(z, lu, part(z, mem.INCREMENT))
     return weighted_rms(part(z, mem.CHANGE), part(z, mem.WEIGHTS)) / tried[mem.ROOT_TOLERANCE]
 
 
@@ -128,21 +128,21 @@ def weigh_part(rtol: Any, atol: Any, before: Any, after: Any, size: Any, weights
 
 
 @compiled
-def corrected(z: Any, slot: Any, code: Any, evaluated: Any, counts: Any) -> Any:
+def corrected(z: Any, lu: Any, code: Any, evaluated: Any, counts: Any) -> Any:
     """A counted correction by ``code``."""
     counts[mem.SOLVES] += 1
-    return correct(z, slot, code, evaluated)
+    return correct(z, lu, code, evaluated)
 
 
 @compiled
-def is_roundoff(z: Any, slot: Any, counts: Any) -> Any:
+def is_roundoff(z: Any, lu: Any, counts: Any) -> Any:
     """Whether an increment that has stopped shrinking is roundoff of q and v.
 
     Their sizes are those of both ends of the step, which are computed here: what rested until now has no size.
     """
     number, h, o = part(z, mem.NUMBER), abs(part(z, mem.STEP)[0]), part(z, mem.CONSTANTS)
     n, end, own = z.i[mem.N], part(z, mem.END), part(z, mem.RECIPROCAL)
-    in_q, in_v = moved_by(z, slot, part(z, mem.INCREMENT))
+    in_q, in_v = moved_by(z, lu, part(z, mem.INCREMENT))
     compute_end(z)
     size_q, size_v = typical_sizes(h, largest(end[:n]), largest(end[n : 2 * n]), largest(end[3 * n : 4 * n]))
     if not math.isfinite(size_q + size_v):
@@ -154,7 +154,7 @@ def is_roundoff(z: Any, slot: Any, counts: Any) -> Any:
     noise = part(z, mem.NOISE)
     for draw in range(DRAWS):
         if spend(z, counts):
-            measure(z, slot, draw, counts)
+            measure(z, lu, draw, counts)
     return in_q <= NOISE_MARGIN * noise[0] and in_v <= NOISE_MARGIN * noise[1]
 
 
@@ -169,7 +169,7 @@ def compute_end(z: Any) -> None:
 
 
 @compiled
-def measure(z: Any, slot: Any, draw: Any, counts: Any) -> None:
+def measure(z: Any, lu: Any, draw: Any, counts: Any) -> None:
     """Raise NOISE to what roundoff makes of increments' q1 and v1, (H30): by one evaluation with arguments changed by it.
 
     Changed are a random half of the entries of q, v, a, f, another for every ``draw``, all away from zero: the roundoff of
@@ -184,10 +184,10 @@ def measure(z: Any, slot: Any, draw: Any, counts: Any) -> None:
         if (i * DRAWN[0] >> (DRAWN[1] + draw)) % 2 == 1:
             state[i] = before[i] * (1.0 + EPS)
     early(z)
-    correct(z, slot, mem.C_RESIDUAL, False)
+    correct(z, lu, mem.C_RESIDUAL, False)
     for i in range(part(z, mem.X).size):
         increment[i] -= full[i]
-    in_q, in_v = moved_by(z, slot, increment)
+    in_q, in_v = moved_by(z, lu, increment)
     found[0], found[1] = max(found[0], in_q), max(found[1], in_v)
     put(state, 0, before)
     put(increment, 0, full)

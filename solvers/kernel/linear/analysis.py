@@ -31,7 +31,7 @@ NO_ORDER = Order(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4), 
 
 
 class SuperLU:
-    """Factorisations of matrices (size, size) with entries at ``rows`` and ``columns`` (entries,), in two slots.
+    """Factorisations of matrices (size, size) with entries at ``rows`` and ``columns`` (entries,), in two places.
 
     Columns are ordered by COLAMD: MMD_AT_PLUS_A, made for symmetric patterns with pivots on the diagonal, meets zeros there
     and fills in without bound when it pivots.
@@ -39,7 +39,7 @@ class SuperLU:
 
     def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
         self._places, self._size = (rows, columns), size
-        self._slots: list[Any] = [None, None]
+        self._made: list[Any] = [None, None]
 
     def codes(self, callbacks: Callbacks) -> dict[str, tuple[int, int]]:
         """Addresses by name of what the loops call."""
@@ -48,7 +48,7 @@ class SuperLU:
         solve = callbacks.entry(lambda *at: weak.solve(*at), self._size, ((1,), (self._size,)))
         return {"factor": (factor, 0), "solve": (solve, 0)}
 
-    def factor(self, slot: Vector, entries: Vector) -> Vector:
+    def factor(self, lu: Vector, entries: Vector) -> Vector:
         """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
         matrix: Any = sp.csc_array((entries, self._places), shape=(self._size, self._size))
         matrix.eliminate_zeros()
@@ -56,23 +56,23 @@ class SuperLU:
             made = splu(matrix, permc_spec="COLAMD")
         except RuntimeError:  # SuperLU's word for a pivot of exactly zero
             return np.array([0.0, 0.0, self._size - 1.0])
-        self._slots[int(slot[0])] = made
+        self._made[int(lu[0])] = made
         pivots = np.abs(made.U.diagonal())
         return np.array([1.0, pivots.min(), np.sum(pivots > FULL_RANK * EPS * pivots.max())])
 
-    def solve(self, slot: Vector, right: Vector) -> Vector:
-        """The inverse of the matrix in ``slot`` times ``right`` (size,)."""
-        return self._slots[int(slot[0])].solve(right)
+    def solve(self, lu: Vector, right: Vector) -> Vector:
+        """The inverse of the matrix in ``lu`` times ``right`` (size,)."""
+        return self._made[int(lu[0])].solve(right)
 
     @property
     def nbytes(self) -> int:
         """Size of the factors, of 12 bytes an entry."""
-        return sum(12 * made.nnz for made in self._slots if made is not None)
+        return sum(12 * made.nnz for made in self._made if made is not None)
 
     def fill(self) -> int:
         """Entries of the factors, measured on a matrix of the pattern with arbitrary values."""
         made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._places[0].size))
-        return int(self._slots[0].nnz) if made[0] > 0.0 else self._size * self._size
+        return int(self._made[0].nnz) if made[0] > 0.0 else self._size * self._size
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Analysis:
     rows: Indices  #: (entries,) ascending, those of the matrix first
     columns: Indices  #: (entries,)
     maps: int  #: rows of dq1/dx over dv1/dx, 2n
-    slots: Indices  #: (computed,) where what the matrix function returns goes in [residual; entries]
+    targets: Indices  #: (computed,) where what the matrix function returns goes in [residual; entries]
     constants: Vector  #: (size + entries,) the others
     kind: str = "dense"  #: or "inverse", "band", "sparse"
     reason: str = "asked for"  #: why this kind, in words
@@ -110,14 +110,14 @@ class Analysis:
         if self.kind != "band":
             return OUTSIDE_COST
         _, count, lower, upper = self.order.blocks.T
-        made = self.slots.size + self.storage + int((count * lower * (lower + upper)).sum())
+        made = self.targets.size + self.storage + int((count * lower * (lower + upper)).sum())
         return made / (self.rows.size + self.size + int((count * (2 * lower + upper)).sum()))
 
     def sections(self) -> dict[str, Any]:
         """Integer sections of the loops' memory."""
         own, size = self.own, self.size
         starts = np.searchsorted(self.rows[own:] - size, np.arange(self.maps + 1))
-        named = {"slots": self.slots, "map_starts": starts, "map_columns": self.columns[own:]}
+        named = {"targets": self.targets, "map_starts": starts, "map_columns": self.columns[own:]}
         named["row_starts"] = np.searchsorted(self.rows[:own], np.arange(size + 1))
         i, j = self.rows[:own], self.columns[:own]
         if not self.storage:
@@ -175,8 +175,8 @@ def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> An
     flat = np.union1d(matrix.varying, np.flatnonzero(matrix.constants))
     flat = flat[flat >= size]  # entries of matrix and maps, row by row
     places = np.concatenate([np.arange(size), flat])
-    slots = np.searchsorted(places, matrix.varying)
-    entries = Analysis(size, flat // size - 1, flat % size, 2 * n, slots, matrix.constants[places])
+    targets = np.searchsorted(places, matrix.varying)
+    entries = Analysis(size, flat // size - 1, flat % size, 2 * n, targets, matrix.constants[places])
     if linsolver == "auto" and size <= small:
         return replace(entries, kind="inverse", reason=f"up to {small} unknowns")
     return chosen(entries, linsolver, measured=False)
@@ -186,8 +186,8 @@ def of_pattern(pattern: Pattern, size: int, linsolver: str, matrix: Native | Non
     """For the entries of a sparse derivative, which come after the residual; ``matrix``: machine code of what varies."""
     rows, columns = (np.asarray(indices, dtype=np.int64) for indices in (pattern.rows, pattern.columns))
     total = size + rows.size
-    slots, constants = (np.arange(total), np.zeros(total)) if matrix is None else (matrix.varying, matrix.constants)
-    entries = Analysis(size, rows, columns, pattern.shape[0] - size, slots, constants)
+    targets, constants = (np.arange(total), np.zeros(total)) if matrix is None else (matrix.varying, matrix.constants)
+    entries = Analysis(size, rows, columns, pattern.shape[0] - size, targets, constants)
     return chosen(entries, linsolver, measured=True)
 
 

@@ -69,15 +69,15 @@ def count_pivots(storage: Any, blocks: Any, bound: Any) -> Any:
 
 
 @compiled
-def solve_blocks(z: Any, slot: Any, right: Any, y: Any, x: Any) -> None:
+def solve_blocks(z: Any, lu: Any, right: Any, y: Any, x: Any) -> None:
     """Solve with the factors of :func:`factor_blocks`, block after block, into ``x``, with ``y`` to work in.
 
     Place i holds the scaled row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``:
     sparse rows of what a block takes from unknowns of earlier blocks.
     """
     rows, columns, blocks = indices(z, mem.ROWS), indices(z, mem.COLUMNS), indices(z, mem.BLOCKS)
-    starts, places, couplings = indices(z, mem.STARTS), indices(z, mem.COUPLED), part(z, mem.COUPLINGS + slot)
-    storage, pivots, scales = part(z, mem.STORAGE + slot), indices(z, mem.PIVOTS + slot), part(z, mem.ROW_SCALES + slot)
+    starts, places, couplings = indices(z, mem.STARTS), indices(z, mem.COUPLED), part(z, mem.COUPLINGS + lu)
+    storage, pivots, scales = part(z, mem.STORAGE + lu), indices(z, mem.PIVOTS + lu), part(z, mem.ROW_SCALES + lu)
     offset = 0
     for k in range(0, blocks.size, 4):
         start, count, lower, upper = blocks[k], blocks[k + 1], blocks[k + 2], blocks[k + 3]

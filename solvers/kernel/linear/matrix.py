@@ -1,4 +1,4 @@
-"""Newton's matrix in the loops: made at the iterate, factorised into one of two slots, solved with.
+"""Newton's matrix in the loops: made at the iterate, factorised into one of two places, solved with.
 
 One interface for four kinds: the inverse in straight lines of machine code (small systems), bands, LAPACK's LU of the full
 matrix, and what Python keeps (SuperLU).
@@ -34,30 +34,30 @@ OFTEN = 1.5  # solves for an unknown whose cost beyond products with the inverse
 
 
 @compiled
-def renew(z: Any, slot: Any, h: Any, counts: Any) -> Any:
-    """The matrix at the iterate, into ``slot``, with what :func:`correct` takes; a failure's name, or CONVERGED."""
+def renew(z: Any, lu: Any, h: Any, counts: Any) -> Any:
+    """The matrix at the iterate, into ``lu``, with what :func:`correct` takes; a failure's name, or CONVERGED."""
     counts[mem.JACOBIANS] += 1
-    made = part(z, mem.MADE_AT + slot)
+    made = part(z, mem.MADE_AT + lu)
     given = made.size - z.i[mem.SIZE]
     put(made, put(made, 0, part(z, mem.X)), view(z.w, z.i[2 * mem.STEP], given))
-    ended = inverse_at(z, slot) if z.i[mem.KIND] == mem.KIND_INVERSE else factorise(z, slot)
+    ended = inverse_at(z, lu) if z.i[mem.KIND] == mem.KIND_INVERSE else factorise(z, lu)
     counts[mem.FACTORISATIONS] += 1
-    record = part(z, mem.RECORD + slot)
+    record = part(z, mem.RECORD + lu)
     record[mem.MADE_H], record[mem.INVERTED], record[mem.KEPT_COST] = h, 0.0, 0.0
     record[mem.USES] = 1.0 if z.i[mem.KIND] == mem.KIND_INVERSE else 0.0
     return ended
 
 
 @compiled
-def inverse_at(z: Any, slot: Any) -> Any:
-    """A small system's correction with the matrix at the iterate, and its inverse into ``slot``."""
+def inverse_at(z: Any, lu: Any) -> Any:
+    """A small system's correction with the matrix at the iterate, and its inverse into ``lu``."""
     fresh, sized = part(z, mem.FRESH), z.i[mem.SIZE] + 2
     x, given = address(z, mem.X), address(z, mem.STEP)
     call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
     call(z, mem.C_MATRIX, mem.FRESH, (x, given, address(z, mem.EARLY_MATRIX)))
     if not finite(fresh):
         return mem.SINGULAR if fresh[fresh.size - 1] < math.inf else mem.NONFINITE
-    increment, inverse, maps = part(z, mem.INCREMENT), part(z, mem.INVERSE + slot), part(z, mem.MAPS + slot)
+    increment, inverse, maps = part(z, mem.INCREMENT), part(z, mem.INVERSE + lu), part(z, mem.MAPS + lu)
     put(increment, 0, fresh[:sized])
     put(inverse, 0, fresh[sized : sized + inverse.size])
     put(maps, 0, fresh[sized + inverse.size : sized + inverse.size + maps.size])
@@ -65,40 +65,40 @@ def inverse_at(z: Any, slot: Any) -> Any:
 
 
 @compiled
-def factorise(z: Any, slot: Any) -> Any:
-    """Residual and factors of the matrix at the iterate, into ``slot``; a failure's name, or CONVERGED."""
-    values, computed, slots, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.SLOTS), z.i[mem.SIZE]
+def factorise(z: Any, lu: Any) -> Any:
+    """Residual and factors of the matrix at the iterate, into ``lu``; a failure's name, or CONVERGED."""
+    values, computed, targets, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.TARGETS), z.i[mem.SIZE]
     x, given = address(z, mem.X), address(z, mem.STEP)
     if z.i[mem.C_EARLY_MATRIX]:
         call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
     call(z, mem.C_MATRIX, mem.COMPUTED, (x, given, address(z, mem.EARLY_MATRIX)))
     if not finite(computed):
         return mem.NONFINITE
-    for k in range(slots.size):
-        values[slots[k]] = computed[k]
+    for k in range(targets.size):
+        values[targets[k]] = computed[k]
     put(part(z, mem.RESIDUAL), 0, values[:size])
-    entries, maps, own = values[size:], part(z, mem.MAPS + slot), z.i[mem.OWN]
+    entries, maps, own = values[size:], part(z, mem.MAPS + lu), z.i[mem.OWN]
     put(maps, 0, entries[own : own + maps.size])
-    return factor(z, slot, entries)
+    return factor(z, lu, entries)
 
 
 @compiled
-def factor(z: Any, slot: Any, entries: Any) -> Any:
-    """LU of the matrix of these ``entries`` with its rows scaled, into ``slot``; a failure's name, or CONVERGED."""
-    scale_rows(z, slot, entries)
+def factor(z: Any, lu: Any, entries: Any) -> Any:
+    """LU of the matrix of these ``entries`` with its rows scaled, into ``lu``; a failure's name, or CONVERGED."""
+    scale_rows(z, lu, entries)
     if z.i[mem.KIND] == mem.KIND_BAND:
-        return factor_band(z, slot)
-    return factor_dense(z, slot) if z.i[mem.KIND] == mem.KIND_DENSE else factor_outside(z, slot)
+        return factor_band(z, lu)
+    return factor_dense(z, lu) if z.i[mem.KIND] == mem.KIND_DENSE else factor_outside(z, lu)
 
 
 @compiled
-def scale_rows(z: Any, slot: Any, entries: Any) -> None:
+def scale_rows(z: Any, lu: Any, entries: Any) -> None:
     """The matrix of these ``entries`` with every row over its largest, into SCALED.
 
     Rows of constraints have the units of their users: unscaled, LU would answer for large ones alone, and Newton's iteration
     stall with small ones unmet (compare ``dgeequb`` of LAPACK).
     """
-    starts, scales, scaled = indices(z, mem.ROW_STARTS), part(z, mem.ROW_SCALES + slot), part(z, mem.SCALED)
+    starts, scales, scaled = indices(z, mem.ROW_STARTS), part(z, mem.ROW_SCALES + lu), part(z, mem.SCALED)
     for i in range(scales.size):
         most = 0.0
         for e in range(starts[i], starts[i + 1]):
@@ -109,12 +109,12 @@ def scale_rows(z: Any, slot: Any, entries: Any) -> None:
 
 
 @compiled
-def factor_band(z: Any, slot: Any) -> Any:
+def factor_band(z: Any, lu: Any) -> Any:
     """Blocks of bands, and what couples them."""
-    storage, entries = stored(z, slot), part(z, mem.SCALED)
+    storage, entries = stored(z, lu), part(z, mem.SCALED)
     blocks = indices(z, mem.BLOCKS)
-    least, most = factor_blocks(storage, indices(z, mem.PIVOTS + slot), blocks)
-    outside, couplings, record = indices(z, mem.OUTSIDE), part(z, mem.COUPLINGS + slot), part(z, mem.RECORD + slot)
+    least, most = factor_blocks(storage, indices(z, mem.PIVOTS + lu), blocks)
+    outside, couplings, record = indices(z, mem.OUTSIDE), part(z, mem.COUPLINGS + lu), part(z, mem.RECORD + lu)
     for k in range(outside.size):
         couplings[k] = entries[outside[k]]
     record[mem.LEAST_PIVOT], record[mem.RANK] = least, z.i[mem.SIZE] - 1  # at most, where it ended at a zero
@@ -124,10 +124,10 @@ def factor_band(z: Any, slot: Any) -> Any:
 
 
 @inlined
-def stored(z: Any, slot: Any) -> Any:
+def stored(z: Any, lu: Any) -> Any:
     """The scaled matrix where its factors will be."""
     entries = part(z, mem.SCALED)
-    inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), part(z, mem.STORAGE + slot)
+    inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), part(z, mem.STORAGE + lu)
     for k in range(storage.size):
         storage[k] = 0.0
     for k in range(inside.size):
@@ -136,12 +136,12 @@ def stored(z: Any, slot: Any) -> Any:
 
 
 @compiled
-def factor_dense(z: Any, slot: Any) -> Any:
+def factor_dense(z: Any, lu: Any) -> Any:
     """LAPACK's LU with partial pivoting of the full matrix, column by column."""
-    storage = stored(z, slot)
-    order, matrix, pivots = index_address(z, mem.LAPACK), address(z, mem.STORAGE + slot), index_address(z, mem.PIVOTS + slot)
+    storage = stored(z, lu)
+    order, matrix, pivots = index_address(z, mem.LAPACK), address(z, mem.STORAGE + lu), index_address(z, mem.PIVOTS + lu)
     invoke(z.i[mem.DGETRF], (order, order, matrix, order, pivots, order + 8 * mem.INFO))
-    size, record, least, most, rank = z.i[mem.SIZE], part(z, mem.RECORD + slot), abs(storage[0]), 0.0, 0
+    size, record, least, most, rank = z.i[mem.SIZE], part(z, mem.RECORD + lu), abs(storage[0]), 0.0, 0
     for j in range(size):
         pivot = abs(storage[j * (size + 1)])
         least, most = min(least, pivot), max(most, pivot)
@@ -152,56 +152,56 @@ def factor_dense(z: Any, slot: Any) -> Any:
 
 
 @compiled
-def factor_outside(z: Any, slot: Any) -> Any:
+def factor_outside(z: Any, lu: Any) -> Any:
     """A factorisation that Python keeps."""
-    part(z, mem.SLOT_ASKED)[0] = slot
-    call_python(z, mem.C_FACTOR, mem.FACTOR_RESULT, (address(z, mem.SLOT_ASKED), address(z, mem.SCALED)))
-    result, record = part(z, mem.FACTOR_RESULT), part(z, mem.RECORD + slot)
+    part(z, mem.LU_ASKED)[0] = lu
+    call_python(z, mem.C_FACTOR, mem.FACTOR_RESULT, (address(z, mem.LU_ASKED), address(z, mem.SCALED)))
+    result, record = part(z, mem.FACTOR_RESULT), part(z, mem.RECORD + lu)
     record[mem.LEAST_PIVOT], record[mem.RANK] = result[1], result[2]
     return mem.CONVERGED if result[0] > 0.0 else mem.SINGULAR
 
 
 @compiled
-def solve(z: Any, slot: Any, right: Any, out: Any) -> None:
-    """``out`` (size,): the inverse of the matrix in ``slot`` times ``right``."""
-    kind, work, scales = z.i[mem.KIND], part(z, mem.WORK), part(z, mem.ROW_SCALES + slot)
+def solve(z: Any, lu: Any, right: Any, out: Any) -> None:
+    """``out`` (size,): the inverse of the matrix in ``lu`` times ``right``."""
+    kind, work, scales = z.i[mem.KIND], part(z, mem.WORK), part(z, mem.ROW_SCALES + lu)
     if kind == mem.KIND_INVERSE:
-        times_inverse(z, slot, right, out)
+        times_inverse(z, lu, right, out)
     elif kind == mem.KIND_BAND:
-        solve_blocks(z, slot, right, work, out)
+        solve_blocks(z, lu, right, work, out)
     elif kind == mem.KIND_DENSE:
         for i in range(scales.size):
             work[i] = scales[i] * right[i]
-        order, pivots = index_address(z, mem.LAPACK), index_address(z, mem.PIVOTS + slot)
-        matrix = address(z, mem.STORAGE + slot)
+        order, pivots = index_address(z, mem.LAPACK), index_address(z, mem.PIVOTS + lu)
+        matrix = address(z, mem.STORAGE + lu)
         one, no, info = order + 8 * mem.ONE, order + 8 * mem.TRANSPOSED, order + 8 * mem.INFO
         invoke(z.i[mem.DGETRS], (no, order, one, matrix, order, pivots, address(z, mem.WORK), order, info))
         put(out, 0, work)
     else:
         for i in range(scales.size):
             work[i] = scales[i] * right[i]
-        part(z, mem.SLOT_ASKED)[0] = slot
-        call_python(z, mem.C_SOLVE, mem.SOLVED, (address(z, mem.SLOT_ASKED), address(z, mem.WORK)))
+        part(z, mem.LU_ASKED)[0] = lu
+        call_python(z, mem.C_SOLVE, mem.SOLVED, (address(z, mem.LU_ASKED), address(z, mem.WORK)))
         put(out, 0, part(z, mem.SOLVED))
 
 
 @compiled
-def solve_often(z: Any, slot: Any, right: Any, out: Any) -> None:
+def solve_often(z: Any, lu: Any, right: Any, out: Any) -> None:
     """The same for Newton's iteration, with an inverse once a kept matrix has served so often that it would have paid."""
-    record, size = part(z, mem.RECORD + slot), z.i[mem.SIZE]
+    record, size = part(z, mem.RECORD + lu), z.i[mem.SIZE]
     record[mem.USES] += 1.0
     if size > PRODUCT or z.i[mem.KIND] == mem.KIND_CALLBACK or record[mem.USES] <= OFTEN * size:
-        solve(z, slot, right, out)
+        solve(z, lu, right, out)
         return
     if record[mem.INVERTED] == 0.0:
-        invert(z, slot)
-    times_inverse(z, slot, right, out)
+        invert(z, lu)
+    times_inverse(z, lu, right, out)
 
 
 @compiled
-def times_inverse(z: Any, slot: Any, right: Any, out: Any) -> None:
-    """``out``: the product of the inverse in ``slot`` with ``right``."""
-    columns, size = part(z, mem.INVERSE + slot), z.i[mem.SIZE]
+def times_inverse(z: Any, lu: Any, right: Any, out: Any) -> None:
+    """``out``: the product of the inverse in ``lu`` with ``right``."""
+    columns, size = part(z, mem.INVERSE + lu), z.i[mem.SIZE]
     for i in range(size):
         out[i] = 0.0
     for j in range(size):
@@ -212,20 +212,20 @@ def times_inverse(z: Any, slot: Any, right: Any, out: Any) -> None:
 
 
 @compiled
-def invert(z: Any, slot: Any) -> None:
-    """The inverse of the matrix in ``slot``, column by column."""
-    right, columns, size = part(z, mem.RIGHT), part(z, mem.INVERSE + slot), z.i[mem.SIZE]
+def invert(z: Any, lu: Any) -> None:
+    """The inverse of the matrix in ``lu``, column by column."""
+    right, columns, size = part(z, mem.RIGHT), part(z, mem.INVERSE + lu), z.i[mem.SIZE]
     for j in range(size):
         for i in range(size):
             right[i] = 1.0 if i == j else 0.0
-        solve(z, slot, right, columns[j * size : (j + 1) * size])
-    part(z, mem.RECORD + slot)[mem.INVERTED] = 1.0
+        solve(z, lu, right, columns[j * size : (j + 1) * size])
+    part(z, mem.RECORD + lu)[mem.INVERTED] = 1.0
 
 
 @compiled
-def move(z: Any, slot: Any, increment: Any) -> None:
+def move(z: Any, lu: Any, increment: Any) -> None:
     """What an increment of the unknowns makes of q1 and v1, into CHANGE."""
-    starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + slot)
+    starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + lu)
     changes = part(z, mem.CHANGE)
     for i in range(changes.size):
         total = 0.0
@@ -235,9 +235,9 @@ def move(z: Any, slot: Any, increment: Any) -> None:
 
 
 @compiled
-def moved_by(z: Any, slot: Any, increment: Any) -> Any:
+def moved_by(z: Any, lu: Any, increment: Any) -> Any:
     """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
-    move(z, slot, increment)
+    move(z, lu, increment)
     changes, n = part(z, mem.CHANGE), z.i[mem.N]
     in_q, in_v = largest(changes[:n]), largest(changes[n:])
     both = in_q + in_v
@@ -245,15 +245,15 @@ def moved_by(z: Any, slot: Any, increment: Any) -> Any:
 
 
 @compiled
-def respond(z: Any, slot: Any) -> None:
+def respond(z: Any, lu: Any) -> None:
     """What the right-hand side in RIGHT makes of the unknowns, SOLUTION, and of q1 and v1, CHANGE."""
-    solve(z, slot, part(z, mem.RIGHT), part(z, mem.SOLUTION))
-    move(z, slot, part(z, mem.SOLUTION))
+    solve(z, lu, part(z, mem.RIGHT), part(z, mem.SOLUTION))
+    move(z, lu, part(z, mem.SOLUTION))
 
 
 @compiled
-def correct(z: Any, slot: Any, code: Any, evaluated: Any) -> Any:
-    """The correction with the matrix in ``slot`` into INCREMENT; its largest changes of q1 and of v1, NaN if there is one.
+def correct(z: Any, lu: Any, code: Any, evaluated: Any) -> Any:
+    """The correction with the matrix in ``lu`` into INCREMENT; its largest changes of q1 and of v1, NaN if there is one.
 
     ``code`` computes the residual, or its constraint rows alone.  ``evaluated``: the residual is there, or of a small
     system the correction itself.
@@ -261,15 +261,15 @@ def correct(z: Any, slot: Any, code: Any, evaluated: Any) -> Any:
     increment = part(z, mem.INCREMENT)
     if z.i[mem.KIND] == mem.KIND_INVERSE:
         if not evaluated:
-            inverse, maps = address(z, mem.INVERSE + slot), address(z, mem.MAPS + slot)
+            inverse, maps = address(z, mem.INVERSE + lu), address(z, mem.MAPS + lu)
             x, given, early = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
             call(z, code, mem.INCREMENT, (x, inverse, maps, given, early))
-            part(z, mem.RECORD + slot)[mem.USES] += 1.0
+            part(z, mem.RECORD + lu)[mem.USES] += 1.0
         return increment[z.i[mem.SIZE]], increment[z.i[mem.SIZE] + 1]
     if not evaluated:
         call(z, code, mem.RESIDUAL, (address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)))
-    solve_often(z, slot, part(z, mem.RESIDUAL), increment)
-    return moved_by(z, slot, increment)
+    solve_often(z, lu, part(z, mem.RESIDUAL), increment)
+    return moved_by(z, lu, increment)
 
 
 @inlined

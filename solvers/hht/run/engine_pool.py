@@ -14,7 +14,7 @@ from solvers.hht.run.engine import Engine
 MAX_ENGINES = 16  # in the pool: the oldest goes first
 MAX_BYTES = 64 * 2**20  # of their memory; those in use are not counted
 
-_idle: list[tuple[Any, Engine]] = []  # few, and compared from the newest on: to hash a purpose takes longer
+_pool: list[tuple[Any, Engine]] = []  # few, and compared from the newest on: to hash a purpose takes longer
 _lock = threading.Lock()
 
 
@@ -26,9 +26,9 @@ def purpose_of(system: System | NumpySystem, options: HHTOptions, n: int, *, con
 def take(purpose: Any) -> Engine | None:
     """An engine made for the same purpose, which now is the caller's alone."""
     with _lock:
-        for i in reversed(range(len(_idle))):
-            if _idle[i][0] == purpose:
-                return _idle.pop(i)[1]
+        for i in reversed(range(len(_pool))):
+            if _pool[i][0] == purpose:
+                return _pool.pop(i)[1]
     return None
 
 
@@ -37,6 +37,6 @@ def put_back(purpose: Any, engine: Engine) -> None:
     if not engine.reusable:
         return
     with _lock:
-        _idle.append((purpose, engine))
-        while len(_idle) > MAX_ENGINES or sum(kept.nbytes for _, kept in _idle) > MAX_BYTES:
-            del _idle[0]
+        _pool.append((purpose, engine))
+        while len(_pool) > MAX_ENGINES or sum(kept.nbytes for _, kept in _pool) > MAX_BYTES:
+            del _pool[0]

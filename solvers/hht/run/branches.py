@@ -34,7 +34,7 @@ class Stepped(Protocol):
     plain: bool
 
 
-def leaping(engine: Stepped, state: Vector, x: Vector, q1: Vector, step: Vector) -> Vector:
+def branch_switch(engine: Stepped, state: Vector, x: Vector, q1: Vector, step: Vector) -> Vector:
     """Displacements (n,) of a step that lead to another branch of the constraints; zero for all others.
 
     All are zero where constraints leave most of the displacement free, or have lost rank.
