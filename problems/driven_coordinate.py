@@ -1,4 +1,4 @@
-r"""One coordinate, driven: the smallest index 3 problem, made to look at multipliers alone.
+r"""One coordinate, driven: the smallest index 3 problem, made for errors of multipliers alone.
 
 Source: the scalar test equation of this bench, ``q'' + lam = 0, q = sin t``; the solution is inserted and read off::
 

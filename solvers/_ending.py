@@ -90,8 +90,8 @@ def solution_of(
     if carried is not None:
         more["carried"] = {name: values[: t.size] for name, values in carried.items()}
     note = f"{note} {run.work.clock.note_of_differences()}".strip()
-    told = {"status": end.status, "message": sentences(end.message, note), "counters": run.work.counters()}
-    return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, "_read": {}.get, **told, **more})
+    ending = {"status": end.status, "message": sentences(end.message, note), "counters": run.work.counters()}
+    return Solution.of({"t": t, "q": q, "v": v, "lam": whole.lam, "mu": whole.mu, "_read": {}.get, **ending, **more})
 
 
 def sentences(message: str, note: str) -> str:
@@ -100,7 +100,7 @@ def sentences(message: str, note: str) -> str:
 
 
 def _noted(end: Failure, found: Recovered) -> Failure:
-    """How a run has ended, after a look at its rows."""
+    """How a run has ended, after its rows were checked."""
     replaced = (Status.success, Status.event) if found.instead is Status.redundant_constraints else (Status.success,)
     if found.instead is not None and end.status in replaced:
         return Failure(found.instead, found.note)
@@ -225,7 +225,7 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) 
             run.work.check_time()
             at = levels.at(t, q[i], v[i])
         except BudgetSpent:
-            ended = f"The time budget ended when {done} of {count} rows were looked at for constraints left out as redundant"
+            ended = f"The time budget ended when {done} of {count} rows were checked for constraints left out as redundant"
             return Recovered(lam, mu, f"{ended}; the multipliers of these are zero in the rest.", Status.deadline)
         off = _off_level(at, sizes)
         if lost := _lost(off, redundant, m, data):
@@ -238,8 +238,8 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) 
 
             lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
             done += 1
-    told = f"Rows {list(redundant)} of [g; k] depend on the others and were left out"
-    return Recovered(lam, mu, f"{told}; they hold to {worst:.1e} of their size." if order.size else f"{told}.")
+    text = f"Rows {list(redundant)} of [g; k] depend on the others and were left out"
+    return Recovered(lam, mu, f"{text}; they hold to {worst:.1e} of their size." if order.size else f"{text}.")
 
 
 def _with_steps(rows: Rows, steps: Any) -> tuple[Rows, Any]:
@@ -263,7 +263,7 @@ def _off_level(at: Levels, sizes: tuple[float, float]) -> Vector:
 
 
 def _lost(off: Vector, redundant: tuple[int, ...], m: int, data: float) -> str:
-    """Which of the ``redundant`` rows, ``off`` (m + p,) by parts of their size, is violated, in words.
+    """Which of the ``redundant`` rows, ``off`` (m + p,) by parts of their size, is violated, as a sentence.
 
     ``data``: by how much they may be, as they are given with so many digits.
     """
@@ -292,8 +292,8 @@ def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **m
     ``more`` as in :func:`solution_of`.
     """
     (t, q, v), (lam, mu), counters = rows, padded(run.dynamics, own.lam, own.mu), run.work.counters()
-    told = {"status": end.status, "message": f"{end.message} The multipliers are {own.every}.", "counters": counters}
-    return Solution.of({"t": t, "q": q, "v": v, "lam": lam, "mu": mu, "_read": {}.get, **told, **more})
+    ending = {"status": end.status, "message": f"{end.message} The multipliers are {own.every}.", "counters": counters}
+    return Solution.of({"t": t, "q": q, "v": v, "lam": lam, "mu": mu, "_read": {}.get, **ending, **more})
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:

@@ -147,7 +147,7 @@ def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, gues
 
 
 def start_acceleration(dynamics: Dynamics, work: Work, place: Place, guesses: Guesses) -> Acceleration | Failure:
-    """Accelerations and multipliers of the start, or why there are none; a linear reaction looks at no guess.
+    """Accelerations and multipliers of the start, or why there are none; a linear reaction uses no guess.
 
     Raises
     ------

@@ -46,7 +46,7 @@ INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above whic
 
 @dataclass(frozen=True)
 class Failure:
-    """How a start, a step or a run ended, in most cases: that it failed, and the cause in words."""
+    """How a start, a step or a run ended, in most cases: that it failed, and the cause as a sentence."""
 
     status: Status
     message: str
@@ -240,7 +240,7 @@ def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
 
 
 def singular_mass(dynamics: Dynamics, place: Place) -> bool:
-    """Whether the mass is; one that is known by its entries has been looked at."""
+    """Whether the mass is; one that is known by its entries has been checked."""
     products = matrix_free(dynamics) if dynamics.structure.mass == "variable" else None
     return (products is None or products.entries is None) and singular_at(dynamics, place.t, place.q)
 
@@ -268,7 +268,7 @@ def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
 
 
 def violations(at: Levels, place: Place, bound: float) -> str:
-    """Rows above ``bound`` in words, position level first; empty when there are none."""
+    """Names of the rows above ``bound``, position level first; empty when there are none."""
     if at.hold(place.q, place.v, bound):
         return ""
     position, velocity = at.misfits(place.q, place.v)

@@ -106,7 +106,7 @@ class DiffraxSolver(Adapter):
                 dense = partial(_sampled, run, interpolate, fixed, row, per_step)
                 run.accept(t, row[2 : 2 + run.form.size], between, dense=dense)
             if not accepted:
-                _look_ahead(run, run.direction * lost)
+                _check_ahead(run, run.direction * lost)
                 status = Status.step_too_small
                 raise Halt(status, f"diffrax accepts no step from t = {exact(run.now)}. {status.text}")
 
@@ -142,7 +142,7 @@ class _Called:
         return call
 
 
-def _look_ahead(run: Run, lost: float) -> None:
+def _check_ahead(run: Run, lost: float) -> None:
     """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none)."""
     if np.isfinite(lost):
         t, y, h = run.t, run.y, lost - run.t

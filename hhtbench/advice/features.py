@@ -14,7 +14,7 @@ from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError, Stop
 from hhtbench.protocol.system import Problem
 
-MOMENTS = (0.1, 0.4)  # of the interval: when forces that depend on time are looked at too, in the state of the start
+MOMENTS = (0.1, 0.4)  # of the interval: when forces that depend on time are evaluated too, in the state of the start
 LEAST = 1e-3  # of a turn in the interval: what is slower stands still
 
 
@@ -44,8 +44,8 @@ class Features:
     def __str__(self) -> str:
         kinds = [f"m/n = {self.position:.2g}"] * (self.position > 0) + [f"p/n = {self.velocity:.2g}"] * (self.velocity > 0)
         kinds += ["redundant rows"] * (self.redundant > 0) + ["variable mass"] * (self.variable_mass > 0)
-        told = f"n = {10**self.size:.0f}, {', '.join(kinds) or 'no constraints'}"
-        return f"{told}, fastest mode {10**self.fastest:.2g} turns, {self.stiffness:.2g} times the motion's pace"
+        text = f"n = {10**self.size:.0f}, {', '.join(kinds) or 'no constraints'}"
+        return f"{text}, fastest mode {10**self.fastest:.2g} turns, {self.stiffness:.2g} times the motion's pace"
 
 
 NAMES = tuple(field.name for field in fields(Features))
@@ -61,7 +61,7 @@ class Probe:
 
 
 def probe(problem: Problem) -> Probe:
-    """Look at ``problem`` at its start, by :data:`~hhtbench.lowering.equations.POWERS` + 3 evaluations of the acceleration.
+    """Features of ``problem`` at its start, by :data:`~hhtbench.lowering.equations.POWERS` + 3 accelerations.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def probe(problem: Problem) -> Probe:
         fastest, damping = equations.fastest_mode(at_start)
         seconds = time.process_time() - began
     except Stop as stop:
-        raise ProblemError(f"{problem.name} cannot be looked at: {stop}.") from stop
+        raise ProblemError(f"{problem.name} has no features: {stop}.") from stop
     n, span = equations.n, abs(t1 - t0)
     structure = derive(problem.system, t0, problem.q0, problem.v0).structure
     pace = _turns(_pace(problem, np.max(np.abs([at_start, *later]), axis=0)), span)

@@ -48,8 +48,8 @@ def thumb(scene: Scene) -> str:
 def judge(database: Database, asked: Callable[[float], Criteria], same: Callable[[Scene, Scene], bool]) -> tuple[Line, ...]:
     """All policies on every scene, which saw none of the scenes that are ``same`` as it; best mean first, advice on top."""
     ratios = np.array([_ratios(scene, asked(ACCURACIES[0]), database.budget) for scene in database.scenes])
-    told = [_told(database, index, asked, same, ratios) for index in range(len(database.scenes))]
-    advice, free, fixed, answers = (np.array(parts) for parts in zip(*told, strict=True))
+    answered = [_asked(database, index, asked, same, ratios) for index in range(len(database.scenes))]
+    advice, free, fixed, answers = (np.array(parts) for parts in zip(*answered, strict=True))
     samples = _resampled([scene.family for scene in database.scenes])
     rule = [_index(database, thumb(scene)) for scene in database.scenes]
     base = _votes(fixed)
@@ -73,7 +73,7 @@ def _ratios(scene: Scene, criteria: Criteria, budget: float) -> Matrix:
     return np.where(np.isfinite(best), found, np.nan)
 
 
-def _told(
+def _asked(
     database: Database,
     index: int,
     asked: Callable[[float], Criteria],

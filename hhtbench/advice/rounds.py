@@ -64,14 +64,14 @@ class Rounds:
 
     def time_again(self, candidates: Sequence[Candidate]) -> None:
         """Times alone on a core, in turn, of those who may be the cheapest: what decides between them."""
-        fronts = self.standing().fronts
+        fronts = self.places().fronts
         near = {cost.entry for front in fronts for cost in front.costs if cost.value <= FINALISTS * front.costs[0].value}
         chosen = [one for one in candidates if one.entry in near]
         if chosen:
             self.tell(f"timing {', '.join(one.entry for one in chosen)}")
             self._campaign(chosen, self._cap(FIRST_CAP), timing=True)
 
-    def standing(self) -> Standing:
+    def places(self) -> Standing:
         """Of all rows so far."""
         return Standing.of(tuple(self.rows.values()), self.criteria)
 
@@ -99,18 +99,18 @@ class Rounds:
 
     def _cap(self, cap: float) -> float:
         """Of one solve [s]: not much more than would make it several times too dear, nor than the time left."""
-        best = self.standing().best() if self.criteria.on == "time" else None
+        best = self.places().best() if self.criteria.on == "time" else None
         if best is not None:
             cap = max(FIRST_CAP, min(cap, ROOM * SEVERAL * best))
         return min(cap, max(FIRST_CAP, self.ends - time.monotonic()))
 
     def _give_up(self, live: Sequence[Candidate]) -> None:
-        standing = self.standing()
+        places = self.places()
         for one in live:
-            why = standing.hopeless(one.entry)
+            why = places.hopeless(one.entry)
             if why and one.entry not in self.left_out:
                 self.left_out[one.entry] = why
-                self.tell(f"{one.entry} is given up: {why}")
+                self.tell(f"{one.entry} is dropped: {why}")
 
     def _could_show_more(self, one: Candidate) -> bool:
-        return one.entry not in self.left_out and self.standing().unfinished(one.entry)
+        return one.entry not in self.left_out and self.places().unfinished(one.entry)

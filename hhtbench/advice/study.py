@@ -112,7 +112,7 @@ def study_selection(
             else load_rows(file)
         )
     specs = list(dict.fromkeys(row.problem for row in rows))
-    tell(f"looking at {len(specs)} problems")
+    tell(f"computing the features of {len(specs)} problems")
     made = reduced(rows, probes_of(specs, jobs or 1, tell))
     if database is not None:
         write_database(made, database, f"hhtbench study selection --scenes {len(specs)} --store FILE --database FILE")
@@ -156,7 +156,7 @@ def _run(
 
 
 def probes_of(specs: Sequence[str], jobs: int, tell: Callable[[str], None]) -> dict[str, Probe]:
-    """Of those that can be looked at; each in a process that has no other."""
+    """Of those whose features can be computed; each in a process that has no other."""
     found = {}
     with worker_processes(jobs) as pool:
         for spec, made in zip(specs, pool.map(_probed, specs), strict=True):

@@ -194,7 +194,7 @@ def _traded(
         reference=truth.text,
         unknown=truth.missing,
         rows=tuple(rounds.rows.values()),
-        fronts=as_run(rounds.standing().fronts),
+        fronts=as_run(rounds.places().fronts),
         left_out=rounds.left_out,
         seconds=time.monotonic() - began,
         note=f"{loaded.note_on_scales} {found.note}".strip(),

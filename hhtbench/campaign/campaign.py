@@ -236,7 +236,7 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
 def _one_a_core(cells: Mapping[str, Cell], pool: WorkerPool) -> Iterator[tuple[str, dict[str, Any]]]:
     """A reading of every cell, as they come; never more under way than there are cores.
 
-    A pool that has no more workers is told of all cells at once: it sends each to the worker that has it compiled.
+    A pool that has no more workers receives all cells at once: it sends each to the worker that has it compiled.
     """
     waiting = iter(cells.items())
     most = len(cells) if pool.limits.jobs <= usable_cores() else usable_cores()

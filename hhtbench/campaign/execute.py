@@ -97,7 +97,7 @@ class _Entry:
 class WorkerPool(Executor):
     """An executor of :func:`run_task` alone; a context manager that leaves no process behind.
 
-    One thread starts the workers, hands out, looks at deadlines and memory.  It lives as long as they do: the system
+    One thread starts the workers, hands out, and watches deadlines and memory.  It lives as long as they do: the system
     ends a worker with the thread that started it.
 
     A crash and a lack of memory count as the task's own only in a worker that has done nothing else before: what earlier
@@ -191,11 +191,11 @@ class WorkerPool(Executor):
         for worker in self._workers:
             if worker.ready and worker.task is None:
                 self._hand_out(worker)
-        idle = not self._left() and all(worker.ready for worker in self._workers)
-        said = wait([self._bell, *(worker.connection for worker in self._workers)], timeout=None if idle else POLL)
+        waiting = not self._left() and all(worker.ready for worker in self._workers)
+        said = wait([self._bell, *(worker.connection for worker in self._workers)], timeout=None if waiting else POLL)
         if self._bell in said:
             os.read(self._bell, 65536)
-        self._look(said)
+        self._receive(said)
 
     def _left(self) -> bool:
         return bool(self._arrived or self._again or self._waiting or self._busy())
@@ -234,16 +234,16 @@ class WorkerPool(Executor):
                 return
             self._unanswered.discard(entry)
 
-    def _look(self, said: list[Any]) -> None:
+    def _receive(self, said: list[Any]) -> None:
         """At the workers that have said something; every ``POLL`` at all: one may have died without a word."""
         every = time.monotonic() > self._looked + POLL
         if every:
             self._looked = time.monotonic()
         for worker in list(self._workers):
             if every or worker.connection in said:
-                self._look_at(worker)
+                self._check_limits(worker)
 
-    def _look_at(self, worker: WorkerProcess) -> None:
+    def _check_limits(self, worker: WorkerProcess) -> None:
         try:
             result = worker.receive()
         except EOFError:

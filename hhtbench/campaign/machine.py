@@ -59,7 +59,7 @@ def _commit() -> str:
     git = ["git", "-C", folder]
     try:
         subprocess.run([*git, "ls-files", "--error-unmatch", name], check=True, capture_output=True, timeout=GIT_SECONDS)
-        told = subprocess.run(
+        found = subprocess.run(
             [*git, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
             check=True,
             capture_output=True,
@@ -68,7 +68,7 @@ def _commit() -> str:
         )
     except (OSError, subprocess.SubprocessError):
         return "unknown"
-    return told.stdout.strip()
+    return found.stdout.strip()
 
 
 def _processor() -> str:

@@ -40,7 +40,7 @@ class Grid:
     problems: tuple[Text, ...]
     solvers: tuple[Text, ...]
     refine: Literal["rtol", "steps"] = "rtol"  #: what is refined: tolerances, or numbers of equal steps
-    held_out: bool = False  #: these problems were not looked at while defaults were tuned
+    held_out: bool = False  #: defaults were not tuned on these problems
     rtol: tuple[Positive, ...] = ()  #: with one of these three nothing is refined
     step: tuple[Positive, ...] = ()  #: [s]
     steps: tuple[Whole, ...] = ()

@@ -28,7 +28,7 @@ def auto_references(
 ) -> dict[str, Path]:
     """Problem -> the file of its certificate in ``<store>.references``, for problems that bring no truth of their own.
 
-    Each solve of a certificate may take ``seconds`` [s]; what was not certified, ``tell`` is told.
+    Each solve of a certificate may take ``seconds`` [s]; ``tell`` receives what was not certified.
     """
     if campaign.reference != "auto":
         return {}

@@ -106,7 +106,7 @@ def run_cell(
 ) -> dict[str, Any]:
     """Everything of the row but its key; ``warm["s"]`` keeps the time of the first warm-up of this pair.
 
-    ``draw`` chooses what of the result is looked at closely.
+    ``draw`` chooses the rows of the result that are checked closely.
     """
     phase(WARM_UP)
     request = request_of(problem, asked)

@@ -40,7 +40,7 @@ TOO_GOOD = 0.05  # of the error asked for: runs that agree so well may have seen
 FEW, ALIKE = (
     25,
     1.2,
-)  # steps, and how many times as many in the last run as two before: they are looked at however they agree
+)  # steps, and how many times as many in the last run as two before: they are checked however they agree
 OFF = 3.0  # times the bound: how far the motion may lead from one row to beside the next
 LEAST_OFF = 1e-11  # which the integration there does not see
 SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # of the interval: longest steps where longer ones step over something
@@ -247,7 +247,7 @@ class _Search:
         )
 
     def _work(self) -> Counters:
-        """Of all runs and of what was looked at between them; what one does not report is not reported."""
+        """Of all runs and of the checks between them; what one does not report is not reported."""
         values: dict[str, int | None] = {}
         for name in (f.name for f in fields(Counters) if f.name != "provenance"):
             counts = [getattr(counters, name) for counters in self.spent]

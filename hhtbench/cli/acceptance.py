@@ -33,14 +33,14 @@ def acceptance_command(rows: tuple[str, ...], solvers: tuple[str, ...], fast: bo
 
     require_folder(json_file)
     count = len(chosen_rows(rows, slow=not fast))
-    with progress() as told:
+    with progress() as bar:
 
         def tell(measured: Entry, outcomes: Sequence[Outcome]) -> None:
-            told.show(shown(measured, outcomes))
-            told.advance("rows", next(done), count)
+            bar.show(shown(measured, outcomes))
+            bar.advance("rows", next(done), count)
 
         done = itertools.count(1)
-        told.advance("rows", 0, count)
+        bar.advance("rows", 0, count)
         found = study_acceptance(rows, solvers, slow=not fast, tell=tell)
     click.echo(f"\n{found.summary}")
     write_json(found.as_dict(), json_file)

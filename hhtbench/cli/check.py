@@ -28,8 +28,8 @@ def check_command(problem: str | None, every: bool, jobs: int | None) -> Found:
         raise click.UsageError("name one PROBLEM, or give --all.")
     if problem is not None:
         return judged(check(load_problem(problem)))
-    with progress() as told:
-        evidence = check_all(jobs or usable_cores(), told.show, told.advance)
+    with progress() as bar:
+        evidence = check_all(jobs or usable_cores(), bar.show, bar.advance)
     wrong = [row for row in evidence.rows if row.passed is False]
     lines = [f"\n{row.id}: {row.measured} (bound: {row.bound})" for row in wrong]
     text = f"{''.join(lines)}\n{evidence.summary}; {evidence.seconds:.0f} s"

@@ -38,8 +38,8 @@ def build_command(names: tuple[str, ...], file: Path | None, out: Path, jobs: in
         from hhtbench.campaign.reference.plan import choose, load_plan, registered_plans
 
     entries = choose(registered_plans() if file is None else load_plan(file), names)
-    with progress() as told:
-        built = build(entries, out, jobs, told)
+    with progress() as bar:
+        built = build(entries, out, jobs, bar)
     failed = sum(not one["certified"] for one in built)
     text = f"{len(entries) - failed} of {len(entries)} references certified; files in {out}"
     return Found(text, built, failed > 0)
@@ -63,9 +63,9 @@ def check_command(names: tuple[str, ...], file: Path | None, folder: Path | None
     plan = registered_plans() if file is None else load_plan(file)
     entries = choose(plan, names) if names else list(plan.values())[:sample]
     rows = []
-    with progress() as told:
+    with progress() as bar:
         for count, entry in enumerate(entries):
-            told.advance("references", count, len(entries))
+            bar.advance("references", count, len(entries))
             rows += recomputed(entry, folder)
     return judged(Evidence(title="references", rows=tuple(rows)))
 

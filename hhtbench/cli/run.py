@@ -101,17 +101,17 @@ def run_command(
     for repair in store.repairs:
         click.echo(f"{file}: {repair}", err=True)
     try:
-        with store, ends_in_order(resume), progress() as told, _executor(scheduler) as cluster:
+        with store, ends_in_order(resume), progress() as bar, _executor(scheduler) as cluster:
             limits = machine_limits(jobs)
             done = run_campaign(
                 campaign,
                 store,
                 limits=limits,
                 executor=cluster,
-                references=auto_references(campaign, file, limits.jobs, told.say),
+                references=auto_references(campaign, file, limits.jobs, bar.say),
                 timing=timing,
                 retry=retry,
-                progress=told.advance,
+                progress=bar.advance,
             )
     except Interrupted as interrupted:
         click.echo(f"\n{resume}", err=True)

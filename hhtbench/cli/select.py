@@ -22,7 +22,7 @@ from hhtbench.runtime.interruption import ends_at_once
 @click.option("--store", type=NEW_FILE, help="Rows of run or trade; made with --seconds.")
 @click.option("--database", type=FILE, help="Of study selection.  [default: the package's]")
 def select_command(problem: str, store: Path | None, database: Path | None, **asked: Any) -> Found:
-    """Say which solver reaches an error on PROBLEM most cheaply, with the evidence; exit 1 where it cannot be told.
+    """Say which solver reaches an error on PROBLEM most cheaply, with the evidence; exit 1 where it cannot say.
 
     For example: hhtbench select andrews --accuracy 1e-4 --on evaluations
     """

@@ -49,8 +49,8 @@ def show_command(
     if every:
         if out is None or frames is not None or solver is not None or seconds is not None:
             raise click.UsageError("--all needs --out FOLDER and takes no other option than --table.")
-        with progress() as told:
-            drawings = draw_all(out, told.show, told.advance)
+        with progress() as bar:
+            drawings = draw_all(out, bar.show, bar.advance)
     if table is not None:
         update_table(table)
         click.echo(f"written: {table}")

@@ -47,12 +47,12 @@ def stability_command(
         from hhtbench.conformance.stability.study import study_stability
 
     require_folder(json_file)
-    with progress() as told:
+    with progress() as bar:
 
         def tell(batch: Batch, measured: Sequence[Outcome]) -> None:
-            told.show(_shown(batch, measured))
+            bar.show(_shown(batch, measured))
 
-        found = study_stability(only, solvers, seed=seed, jobs=jobs, small=small, tell=tell, progress=told.advance)
+        found = study_stability(only, solvers, seed=seed, jobs=jobs, small=small, tell=tell, progress=bar.advance)
     click.echo()
     for solver in found.solvers:
         click.echo(found.sentence(solver))

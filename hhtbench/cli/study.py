@@ -39,8 +39,8 @@ def selection_command(**asked: Any) -> Found:
     with ends_at_once():
         from hhtbench.advice.study import study_selection
 
-    with progress() as told:
-        found = study_selection(**asked, tell=told.say, progress=told.advance)
+    with progress() as bar:
+        found = study_selection(**asked, tell=bar.say, progress=bar.advance)
     return Found(found, found.as_dict(), not found.judgements)
 
 

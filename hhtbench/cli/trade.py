@@ -33,8 +33,8 @@ def trade_command(problem: str, accuracy: str, solvers: tuple[str, ...], page: P
         from hhtbench.campaign.asked import split_specs
 
     accuracies, some = accuracies_of(accuracy), split_specs(solvers)
-    with progress() as told:
-        found = trade(problem, accuracies=accuracies, solvers=some, tell=told.say, progress=told.advance, **asked)
+    with progress() as bar:
+        found = trade(problem, accuracies=accuracies, solvers=some, tell=bar.say, progress=bar.advance, **asked)
     if page is not None:
         found.write_page(page)
     written = f"\n\nwritten: {page}" if page is not None else ""

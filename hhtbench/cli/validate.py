@@ -31,8 +31,8 @@ def validate_command(
 
     if every == bool(problems):
         raise click.UsageError("name PROBLEMS, or give --all.")
-    with progress() as told:
-        found = validate(problems, file, jobs, max_seconds, told.advance)
+    with progress() as bar:
+        found = validate(problems, file, jobs, max_seconds, bar.advance)
     if out is not None:
         out.write_text(found.text, encoding="utf-8")
     wrong = [f"{row.claim}: {row.measured}" for row in found.evidence.rows if row.passed is False]

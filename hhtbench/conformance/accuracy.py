@@ -1,7 +1,7 @@
 """``hhtbench verify accuracy``: what ``solve(..., accuracy=...)`` promises, against certified references and drawn scenes.
 
-For every solver: how often the true error is as small as was asked, how often it cannot be told, how much smaller than asked
-the error is, and what it costs beside the cheapest single run of the same solver that is as accurate.
+For every solver: how often the true error is as small as was asked, how often no error can be shown, how much
+smaller than asked the error is, and what it costs beside the cheapest single run of the same solver that is as accurate.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ DRAWN = (  # the library's parameters times 0.6 to 1.4, drawn once; nothing was 
     "planar_chain(n_links=3, t_end=1)",
     "bead_on_rotating_rod(Om=2.1, u0=0.55)",
 )
-SHOWN, WRONG, UNTOLD = 0.95, 0.01, 0.10  # least share within what was asked, most beyond three times that, most untold
+SHOWN, WRONG, UNSHOWN = 0.95, 0.01, 0.10  # least share within what was asked, most beyond three times that, most unshown
 NOT_TOO_SMALL = 1 / 20  # least median of the true error over what was asked
 HOLDS: dict[str, Callable[[float, float], bool]] = {">=": operator.ge, "<=": operator.le, "<": operator.lt}
 OVER_SINGLE = "evaluations over those of the cheapest single run that is as accurate"
@@ -152,21 +152,21 @@ def evidence_of(cells: Iterable[Cell]) -> Evidence:
 
 
 def _claims(solver: str, cells: list[Cell]) -> list[Row]:
-    told = [cell for cell in cells if cell.status == "success" and cell.error is not None]
-    share = sorted((cell.error or 0.0) / cell.accuracy for cell in told) or [np.nan]
-    costs = sorted(cell.cost for cell in told if cell.cost is not None) or [np.nan]
-    untold = 1 - len(told) / len(cells)
-    beyond = [cell for cell in told if (cell.error or 0.0) > 3 * cell.accuracy]
+    known = [cell for cell in cells if cell.status == "success" and cell.error is not None]
+    share = sorted((cell.error or 0.0) / cell.accuracy for cell in known) or [np.nan]
+    costs = sorted(cell.cost for cell in known if cell.cost is not None) or [np.nan]
+    unshown = 1 - len(known) / len(cells)
+    beyond = [cell for cell in known if (cell.error or 0.0) > 3 * cell.accuracy]
     names = "; ".join(f"{cell.problem} at {cell.accuracy:g}: {cell.error:.1e}" for cell in beyond)
-    gains = sorted((cell.extrapolated or 0.0) / (cell.error or np.inf) for cell in told if cell.extrapolated is not None)
+    gains = sorted((cell.extrapolated or 0.0) / (cell.error or np.inf) for cell in known if cell.extrapolated is not None)
     worse = sum(gain > 1.0 for gain in gains) / max(len(gains), 1)
     shown = "share of the cells that claim success whose true error is within what was asked"
     beyond_text = f"share of them beyond three times that{': ' + names if names else ''}"
     better = f"error of the extrapolated answer over that of the run, median of {len(gains)}; {worse:.0%} got worse"
     judged: list[tuple[str, str, float, str, float, str]] = [
-        ("within", shown, sum(ratio <= 1.0 for ratio in share) / len(share), ">=", SHOWN, f" of {len(told)}"),
+        ("within", shown, sum(ratio <= 1.0 for ratio in share) / len(share), ">=", SHOWN, f" of {len(known)}"),
         ("beyond", beyond_text, len(beyond) / len(share), "<=", WRONG, ""),
-        ("untold", "share of all cells that end without a claim", untold, "<=", UNTOLD, f" of {len(cells)}"),
+        ("unshown", "share of all cells that end without a claim", unshown, "<=", UNSHOWN, f" of {len(cells)}"),
         ("size", "median of the true error over what was asked", median(share), ">=", NOT_TOO_SMALL, ""),
         ("cost", f"{OVER_SINGLE}, median", median(costs), "<=", COSTS[0], ""),
         ("cost90", "the same, of nine in ten cells", costs[int(0.9 * (len(costs) - 1))], "<=", COSTS[1], ""),

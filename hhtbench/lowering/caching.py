@@ -79,7 +79,7 @@ def private_folder(name: str) -> Path | None:
 
 
 def _foreign_access(folder: Path) -> str:
-    """Why others may have put code into ``folder``, in words; empty where they cannot."""
+    """Why others may have put code into ``folder``, as a sentence; empty where they cannot."""
     if not hasattr(os, "geteuid"):  # other systems' folders of a user are private by other means
         return ""
     found, remedy = folder.stat(), "set HHTBENCH_CACHE to a folder of your own"

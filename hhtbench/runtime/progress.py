@@ -25,7 +25,7 @@ class Lines:
 
     def __init__(self) -> None:
         self._part = ""
-        self._began = self._told = 0.0
+        self._began = self._drawn = 0.0
         self._first = 0
         self._pending = ""  # the newest state that was not printed
 
@@ -40,11 +40,11 @@ class Lines:
         now = time.monotonic()
         if part != self._part:
             self._flush()
-            self._part, self._began, self._told, self._first = part, now, now, done
+            self._part, self._began, self._drawn, self._first = part, now, now, done
         left = (now - self._began) * (total - done) / (done - self._first) if done > self._first else 0.0
         self._pending = f"{part}: {done} of {total}" + (f", about {left:.0f} s left" if left > 0 else "")
-        if now >= self._told + EVERY:
-            self._told = now
+        if now >= self._drawn + EVERY:
+            self._drawn = now
             self._flush()
 
     def say(self, text: str) -> None:

@@ -11,8 +11,8 @@ PATIENCE = 2.0  # [s] that pass before anything is said
 LOOK = 0.25  # [s] between two checks of what is under way
 
 
-class told_when_slow:
-    """``with told_when_slow("compiling force")``: a line on stderr, if that is a terminal, once it has taken ``PATIENCE``.
+class announced_when_slow:
+    """``with announced_when_slow("compiling force")``: a line on a terminal once it has taken ``PATIENCE``.
 
     One thread looks while anything is under way, and sleeps otherwise: that costs 3 us a time, a timer of its own 0.7 ms.
     """
@@ -45,7 +45,7 @@ class told_when_slow:
                 self._stream.flush()
 
 
-_under_way: list[told_when_slow] = []
+_under_way: list[announced_when_slow] = []
 _begun = Event()  #: something may be under way
 
 

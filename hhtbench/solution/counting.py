@@ -11,7 +11,7 @@ from typing import Any
 
 from hhtbench.protocol.errors import BudgetSpent
 from hhtbench.protocol.system import SIGNATURES
-from hhtbench.runtime.terminal import told_when_slow
+from hhtbench.runtime.terminal import announced_when_slow
 from hhtbench.solution.result import Counters
 
 OF_OUTPUT = ("residual_evaluations", "jacobian_evaluations")  # what output rows cost
@@ -192,15 +192,15 @@ class handed_over:
 
 
 class preparing:
-    """``with preparing("tracing force")``: around what cannot be interrupted; its time is told to the clock in use.
+    """``with preparing("tracing force")``: around what cannot be interrupted; the clock in use notes its time.
 
-    A person at a terminal is told what it is if it takes long.  Entering raises :class:`BudgetSpent` where the budget of
+    It is printed at a terminal if it takes long.  Entering raises :class:`BudgetSpent` where the budget of
     the solve that needs it is used up.
     """
 
     def __init__(self, what: str) -> None:
         self._what, self._clock = what, _clock.get()
-        self._terminal = told_when_slow(what)
+        self._terminal = announced_when_slow(what)
 
     def __enter__(self) -> None:
         if self._clock is not None:

@@ -295,15 +295,15 @@ class Solution(Filled):
         return super().__getstate__() | {"drift_of": None, "judge_of": None, "diagnosis_of": None}
 
     def _repr_html_(self) -> str:
-        rows = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in self._told()]
+        rows = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in self._printed()]
         return f"<table style='text-align:left'>{''.join(rows)}</table>"
 
     def __repr__(self) -> str:
-        rows = self._told()
+        rows = self._printed()
         width = max(len(name) for name, _ in rows)
         return "\n".join(f"{name:>{width}}: {value}" for name, value in rows)
 
-    def _told(self) -> list[tuple[str, str]]:
+    def _printed(self) -> list[tuple[str, str]]:
         """Names and values of what a reader is shown."""
         rows = [("status", f"{self.status.label}: {self.message}"), ("t", _span(self.t))]
         rows += [(name, f"array {getattr(self, name).shape}") for name in ("q", "v", "lam", "mu")]

@@ -15,7 +15,7 @@ import numpy as np
 
 from hhtbench.protocol.errors import ProblemError
 
-TREE = "told"  # the text: how the values nest; an array in it is {"array": its name in the file}
+TREE = "tree"  # the text: how the values nest; an array in it is {"array": its name in the file}
 
 
 def write_arrays(path: str | Path, values: Mapping[str, Any]) -> Path:

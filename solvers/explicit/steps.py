@@ -24,7 +24,7 @@ from solvers.kernel.kkt import acceleration_level, places_of
 from solvers.kernel.memory import copied, integer_view, view
 
 FIRST, MOST = 64, 65_536  # steps or rows of one call: fewer at first, so that one that is slow can be interrupted
-SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
+SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are checked between
 UNLIMITED = 2**62
 LEAST_RTOL = 3e-14  # SciPy's methods take no smaller one
 NOTHING = np.zeros(0)
@@ -124,7 +124,7 @@ class CompiledSteps:
 
 
 def _places(dynamics: Dynamics) -> Places:
-    """What looks at places and moves them onto the constraints.
+    """Projection of places onto the constraints.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from typing import Any
 
 FEW = 20  # rows below which their multipliers are found one by one, where no code is there for them
 FIRST = 512  # rows of the first call, and FEW of a NumPy system
-SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
+SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are checked between
 
 
 def in_blocks(count: int, block: int, work_on: Callable[[slice], Any], going: Callable[[], bool]) -> None:

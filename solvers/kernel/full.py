@@ -25,7 +25,7 @@ GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
 
 
 class Places(NamedTuple):
-    """What looks at any place of one system, and moves it onto the constraints."""
+    """Projection of any place of one system onto its constraints."""
 
     memory: Memory  #: to be copied
     mass: Vector  #: M (n*n,), or room for it where it varies; nothing by entries

@@ -28,7 +28,7 @@ invoke: Any = intrinsic(_invoke)  #: (address, pointers) -> None
 
 
 def _view(typingctx: Any, array: Any, start: Any, count: Any) -> Any:
-    """``array[start : start + count]`` for indices that are known to lie inside: slices of Numba look at every case."""
+    """``array[start : start + count]`` for indices that are known to lie inside: slices of Numba check every case."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = signature.args[0]

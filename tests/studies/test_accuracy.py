@@ -1,4 +1,4 @@
-"""The study of ``accuracy``: what its rows say of cells that are right, wrong, untold, too costly."""
+"""The study of ``accuracy``: what its rows say of cells that are right, wrong, unshown, too costly."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def failed(cells):
         ({"error": 2e-3}, 0.06, {"within"}),
         ({"error": 4e-3}, 0.02, {"beyond"}),
         ({"status": "accuracy_not_shown", "cost": None}, 0.09, set()),
-        ({"status": "accuracy_not_shown", "cost": None}, 0.11, {"untold"}),
+        ({"status": "accuracy_not_shown", "cost": None}, 0.11, {"unshown"}),
         ({"error": 1e-5, "extrapolated": 1e-6}, 0.6, {"size"}),
         ({"cost": 6.0}, 0.6, {"cost"}),
         ({"cost": 9.0}, 0.2, {"cost90"}),

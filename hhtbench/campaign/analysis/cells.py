@@ -64,7 +64,7 @@ class Point:
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
     allowed: float | None  #: what the solve was allowed [s]
     rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
-    held_out: bool  #: of a problem that was not looked at while defaults were tuned
+    held_out: bool  #: of a problem on which defaults were not tuned
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve

@@ -39,11 +39,11 @@ class Kind:
 
 def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
     """Kind -> its problems; position constraints first, what is not tagged first."""
-    told: dict[str, list[Mapping[str, Any]]] = {}
+    systems_of: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
-        told.setdefault(row.problem, []).append(row.metrics.get("system") or {})
+        systems_of.setdefault(row.problem, []).append(row.metrics.get("system") or {})
     found: dict[Kind, list[str]] = {}
-    for problem, systems in told.items():
+    for problem, systems in systems_of.items():
         found.setdefault(_kind(systems), []).append(problem)
     order = [*CONSTRAINTS.values(), UNTOLD]
     by = {kind: (order.index(kind.constraints), kind.nonlinear, list(STIFFNESS).index(kind.stiff)) for kind in found}

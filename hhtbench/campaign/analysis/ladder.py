@@ -78,7 +78,7 @@ def _ended(known: Sequence[Point], rules: Rules, kind: str) -> End | None:
         return End(kind="reached", text="every target that can be judged is reached")
     if len(_failures(known)) >= (FAILURES if good or last.status in BROKEN else EARLY):
         return _failed(known)
-    if _idle(good, rules) >= STANDSTILL[kind]:
+    if _no_better(good, rules) >= STANDSTILL[kind]:
         text = f"no better when finer: error {good[-1].error:.2g} at {good[-1].setting.text}"
         return End(kind="standstill", text=text)
     return None
@@ -126,13 +126,13 @@ def _open(known: Sequence[Point], rules: Rules) -> list[float]:
     return sorted((target for target in rules.accuracies if limit <= target < best), reverse=True)
 
 
-def _idle(good: Sequence[Point], rules: Rules) -> int:
+def _no_better(good: Sequence[Point], rules: Rules) -> int:
     """How many of the last runs are no better than the best before them, which had reached a target."""
-    best, idle = math.inf, 0
+    best, count = math.inf, 0
     for error in (run.error for run in good if run.error is not None):
-        idle = idle + 1 if best <= max(rules.accuracies) and error > BETTER * best else 0
+        count = count + 1 if best <= max(rules.accuracies) and error > BETTER * best else 0
         best = min(best, error)
-    return idle
+    return count
 
 
 def _finer(known: Sequence[Point], rules: Rules, kind: str) -> float:
@@ -154,7 +154,7 @@ def _factor(known: Sequence[Point], rules: Rules, kind: str) -> float:
     """How many times finer than the finest success the next setting is."""
     good = [run for run in known if run.success]
     last = good[-1]
-    if not last.error or last.error > max(rules.accuracies) or _idle(good, rules):
+    if not last.error or last.error > max(rules.accuracies) or _no_better(good, rules):
         return MOST[kind]
     ratio = last.error / (AIM * _open(known, rules)[0])
     return min(max(ratio ** (1.0 / _slope(known, kind)), LEAST), MOST[kind])

@@ -14,24 +14,24 @@ from hhtbench.runtime.processes import worker_processes
 from hhtbench.runtime.progress import Bar, Lines
 
 
-def build(entries: Sequence[Entry], folder: Path, jobs: int, told: Lines | Bar) -> list[dict[str, Any]]:
+def build(entries: Sequence[Entry], folder: Path, jobs: int, shown: Lines | Bar) -> list[dict[str, Any]]:
     """Write the certificates of ``entries`` into ``folder``; what became of each, as plain values."""
     folder.mkdir(parents=True, exist_ok=True)
     built: list[dict[str, Any]] = []
     with worker_processes(jobs, fresh=True) as pool:
         waiting = {pool.submit(certify, entry): entry for entry in entries}
-        told.advance("references", 0, len(waiting))
+        shown.advance("references", 0, len(waiting))
         for done in as_completed(waiting):
             entry, error = waiting[done], done.exception()
             if error is not None:
                 text = f"{type(error).__name__}: {error}"
                 built.append({"name": entry.name, "certified": False, "error": text})
-                told.say(f"{entry.name}: {text}")
+                shown.say(f"{entry.name}: {text}")
             else:
                 certificate = done.result()
                 built.append(_facts(certificate, str(write_certificate(certificate, folder))))
-                told.show(line_of(certificate))
-            told.advance("references", len(built), len(waiting))
+                shown.show(line_of(certificate))
+            shown.advance("references", len(built), len(waiting))
     return built
 
 

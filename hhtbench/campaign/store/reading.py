@@ -34,7 +34,7 @@ class Reading:
 
     @property
     def losses(self) -> str:
-        """What could not be read, in words."""
+        """What could not be read, as a sentence."""
         if not self.damaged and not self.sound and self.fault:
             return f"none of its rows can be read ({self.fault})"
         if not self.damaged:
@@ -49,7 +49,7 @@ class Reading:
 
 
 def damage(error: Exception) -> str:
-    """What is damaged, in words; what is no damage, such as a lock, a full disk or a file out of reach, is raised again."""
+    """What is damaged, as a sentence; a lock, a full disk or a file out of reach is no damage and raised again."""
     if isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", 0) & 0xFF not in DAMAGE:
         raise error
     return str(error) if isinstance(error, sqlite3.Error) else "damaged names in its schema"

@@ -21,7 +21,7 @@ class RunRow:
         equal distances over the interval (the times of the problem's reference are added); ``atol`` null means the
         solver's own choice; ``counting``: solvers that count in a run of their own were let to.  In a campaign that refines
         its settings also ``rules``: ``{"accuracies", "max_seconds", "pair_seconds", "refinements"}``, what every solver was
-        given; ``held_out`` true on problems that were not looked at while defaults were tuned; ``reference``, digest of the
+        given; ``held_out`` true on problems on which defaults were not tuned; ``reference``, digest of the
         certificate that the problem was given, and ``reference_file``, where it lies.
 
     ``metrics``

@@ -73,7 +73,7 @@ class Store:
         except BaseException:
             self._lock.close()
             raise
-        self._look_for_older(left)
+        self._find_older(left)
 
     def __enter__(self) -> Store:
         return self
@@ -123,14 +123,14 @@ class Store:
         leave_count(self._lock, self._bytes)
         return differing
 
-    def _look_for_older(self, left: int) -> None:
+    def _find_older(self, left: int) -> None:
         """Tell a file that has been changed less often than the ``left`` times after which the last runner left it."""
         now = count_of_changes(self._bytes)
         if not self.repairs and now < left:
-            told = (
+            text = (
                 f"the file is an older copy: it has been changed {now} times, the last runner left it after {left} changes"
             )
-            self.repairs = (f"{told}; rows that were written since are gone, their cells run again.",)
+            self.repairs = (f"{text}; rows that were written since are gone, their cells run again.",)
         leave_count(self._lock, self._bytes)
 
     def _write(self, entry: Entry) -> bool:
@@ -148,7 +148,7 @@ class Store:
         """A connection to a sound file: the one that is there, or a new one with the rows saved from it."""
         if self._file.exists() and self._file.stat().st_size == 0:  # touched, or cut off: that cannot be told apart
             self.repairs = ("the file is empty; if it has held rows, they are gone and their cells run again.",)
-        reading = _look(self._file)
+        reading = _peek(self._file)
         if reading is None or reading.whole:
             return _prepared(self._file)
         return self._rescue(reading)
@@ -202,7 +202,7 @@ def load_rows(path: str | Path) -> list[RunRow]:
 
 
 def sound_rows(path: str | Path) -> tuple[list[RunRow], str]:
-    """Rows as :func:`load_rows` gives them, and what could not be read, in words, "" where all could."""
+    """Rows as :func:`load_rows` gives them, and what could not be read, as a sentence, "" where all could."""
     reading = read_store(path)
     return [row for _, row in reading.sound], reading.warning(path)
 
@@ -218,13 +218,13 @@ def read_store(path: str | Path) -> Reading:
     file = store_file(path)
     if not file.is_file():
         raise ProblemError(f"there is no store {path}.")
-    reading = _look(file)
+    reading = _peek(file)
     if reading is None:
         raise ProblemError(f"{path} cannot be read as a store: it is empty.")
     return reading
 
 
-def _look(path: Path) -> Reading | None:
+def _peek(path: Path) -> Reading | None:
     """What is in the file, without a change to it; None where there is nothing yet.
 
     Raises

@@ -57,7 +57,7 @@ class Missed:
             sudden = np.abs(flow.at(t + self._half) - flow.at(t) - self._half * flow.rate)  # a force that begins at once
             self.so_far = np.maximum(self.so_far, self._longer * sudden)
         for k in range(1, 2 * STEPS_SEEN):
-            self._look(t + k * self._half)
+            self._measure(t + k * self._half)
 
     def until(self, t: float) -> Vector:
         """The largest (2n,) as far as ``t`` [s]."""
@@ -68,7 +68,7 @@ class Missed:
                 break
             self._seen += 1
             for part in range(1, PLACES + 1):
-                self._look(piece.t_old + part / PLACES * (piece.t - piece.t_old))
+                self._measure(piece.t_old + part / PLACES * (piece.t - piece.t_old))
         for crossing in self._flow.crossed[self._crossed :]:
             self._crossed += 1
             self.so_far = np.maximum(self.so_far, self._misplaced(crossing))
@@ -83,7 +83,7 @@ class Missed:
     def _crosses(self, start: float, end: float) -> bool:
         return bool(self._flow.jumps.between(start, end))
 
-    def _look(self, t: float) -> None:
+    def _measure(self, t: float) -> None:
         middle = min(max(t, self._between[0]), self._between[1])
         if self._crosses(middle - self._half, middle + self._half):
             return

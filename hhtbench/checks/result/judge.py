@@ -128,10 +128,10 @@ def _starts(solution: Solution, jumps: Jumps, size: Vector, draw: int) -> list[i
     if count < 2:
         return []
     drawn = np.random.default_rng(draw).integers(0, count - 1, DRAWN).tolist()
-    return sorted({0, count - 2, *drawn, *_standing_out(solution, jumps, size)})
+    return sorted({0, count - 2, *drawn, *_outlying(solution, jumps, size)})
 
 
-def _standing_out(rows: Solution | Ends, jumps: Jumps, size: Vector) -> list[int]:
+def _outlying(rows: Solution | Ends, jumps: Jumps, size: Vector) -> list[int]:
     """Those ``rows`` whose way to the next stands out among those between the same jumps, and the last before jumps."""
     pieces = _pieces(rows.t, jumps)
     found = [piece.stop - 1 for piece in pieces if piece.stop < rows.t.size]
@@ -191,7 +191,7 @@ def _windows(
     events = np.sort(direction * np.concatenate([np.zeros(0), *solution.t_events]))
     times = {float(solution.t[i]) for i in starts}
     if solution.ends is not None:
-        times |= {float(solution.ends.t[k]) for k in _standing_out(solution.ends, jumps, size)}
+        times |= {float(solution.ends.t[k]) for k in _outlying(solution.ends, jumps, size)}
     if len(times) > MAX_WINDOWS:
         times = set(np.random.default_rng(draw).choice(sorted(times), MAX_WINDOWS, replace=False).tolist())
     for start in sorted(times, key=lambda t: -direction * t):

@@ -37,7 +37,7 @@ def compile_function(
     Raises
     ------
     ProblemError
-        At a call: Python control flow looks at a value that JAX traces; the text says where.
+        At a call: Python control flow uses a value that JAX traces; the text says where.
     """
     if route_of(dynamics) == "numpy":
         return partial(function, dynamics, *static)

@@ -104,7 +104,7 @@ class Shipped:
     def following(self, *first: Any) -> Callable[..., int]:
         """What takes the arguments after ``first``, which stay the same: of arrays their memory.
 
-        Threads may share it where nobody looks at what it returns: that has one place.
+        Threads may share it where nobody uses what it returns: that has one place.
         """
         known: list[Any] = []
         begins, result, error = in_words(first, known), ctypes.c_int64(), ctypes.c_void_p()
@@ -130,7 +130,7 @@ class Shipped:
         return self._ready
 
     def _shipped(self) -> tuple[str, bytes]:
-        """What its arguments are in words, and object code for this machine."""
+        """The machine words of its arguments, and object code for this machine."""
         manifest = json.loads((self.folder / MANIFEST).read_text())
         if manifest["content"] != content_of(self.sources):
             raise RuntimeError(f"the sources of {self.folder} have changed since they were compiled: run `make loops`.")

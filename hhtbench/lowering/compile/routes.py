@@ -58,8 +58,8 @@ def explain_control_flow(error: Exception, system: Any) -> ProblemError:
     """The error for a function of ``system`` whose Python code needs the value of something JAX traces."""
     return ProblemError(
         f"{type(system).__name__}: {_line(error)} needs a value before there is one: its functions are traced by JAX once "
-        "and then serve all t, q, v and parameters, so plain Python (if, while, float(), a function of numpy) cannot look "
-        "at those.  Write the choice as jnp.where(condition, a, b) or jax.lax.cond, use jax.numpy instead of numpy, make a "
+        "and then serve all t, q, v and parameters, so plain Python (if, while, float(), a function of numpy) cannot use "
+        "those.  Write the choice as jnp.where(condition, a, b) or jax.lax.cond, use jax.numpy instead of numpy, make a "
         "parameter that selects a formula a static field (eqx.field(static=True)), or give the functions as they are to a "
         "NumpySystem."
     )

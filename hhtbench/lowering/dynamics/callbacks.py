@@ -66,7 +66,7 @@ class Callbacks:
         return cause
 
     def take_nonfinite(self) -> list[NonFiniteValue]:
-        """The values that were not finite since the last call, where callbacks told of them."""
+        """The values that were not finite since the last call, as callbacks reported them."""
         found, self.nonfinite = self.nonfinite, []
         return found
 
@@ -78,7 +78,7 @@ class Callbacks:
     def entry(self, function: Callable[..., Any], size: int, shapes: tuple[Shape | None, ...]) -> int:
         """Address of ``void f(double* result, const double* parameters, const double* a0, ...)``, as machine code has it.
 
-        Parameters are not looked at, nor arguments whose shape is None; one of shape () is a number.
+        Parameters are not checked, nor arguments whose shape is None; one of shape () is a number.
         """
 
         def in_time(*arguments: Any) -> Any:

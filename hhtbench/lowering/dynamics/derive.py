@@ -45,7 +45,7 @@ def derive(
     Raises
     ------
     ProblemError
-        A declared function returns the wrong shape; the text names it and both shapes.  Or Python control flow looks at a
+        A declared function returns the wrong shape; the text names it and both shapes.  Or Python control flow uses a
         value that JAX traces; the text names the line.
     TypeError
         A declared function returns something that is not a real array, or nothing declares ``force``.

@@ -260,7 +260,7 @@ def inverse_of(mass: Any, xp: Any) -> Any:
 
 
 def asymmetry(mass: Matrix) -> tuple[float, str]:
-    """How far the mass matrix (n, n) is from symmetric, and the worst pair of entries in words, "" within roundoff.
+    """How far the mass matrix (n, n) is from symmetric, and the worst pair of entries as text, "" within roundoff.
 
     Measured by the root of the product of the two diagonal entries, which no entry of a positive definite matrix exceeds.
     """

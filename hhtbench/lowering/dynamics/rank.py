@@ -31,7 +31,7 @@ class ConstraintRank:
 
     @property
     def text(self) -> str:
-        """Which rows, in words."""
+        """Which rows, as text."""
         return f"rank {self.rank} of {self.rows} rows; dependent on the others: rows {list(self.redundant)} of [g; k]"
 
 

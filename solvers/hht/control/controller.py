@@ -119,7 +119,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
 
 @compiled
 def step_is_known(control: Any, o: Any) -> Any:
-    """Whether the motion has told the length of the next step: an error has, or the look at the start."""
+    """Whether the length of the next step comes from the motion: from an error, or from the start."""
     return control[mem.LAST_ERROR] >= 0.0 or o.first_step == 0.0
 
 

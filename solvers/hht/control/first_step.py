@@ -1,4 +1,4 @@
-"""The length of the first step, and what stands for the point before it, from a look at the motion at the start."""
+"""The length of the first step, and what stands for the point before it, from the motion at the start."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solvers.kernel.memory import Memory
 from solvers.kernel.numbers import TINY
 from solvers.kernel.sections import address, call_python, finite, indices, largest, part, put, spend, weighted_rms
 
-PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is looked at
+PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is taken
 CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
 UNKNOWN = 1e-3  # of the interval, where v' does not change at the probe: at rest, in free fall
 STILL = 1e-10  # relative change of v' that is roundoff

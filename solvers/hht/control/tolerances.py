@@ -65,7 +65,7 @@ class Tolerances:
         return CERTAIN * self.finest**1.5 >= EPS
 
     def reachable(self, state: State, h: float) -> str:
-        """In words, tolerances whose steps are longer than roundoff asks, where these ask for steps of h [s].
+        """A sentence on tolerances whose steps are longer than roundoff asks, where these ask for steps of h [s].
 
         Empty where roundoff is not what makes them short.  What is allowed goes with tolerance^(3/2), (H26), and the
         roundoff of q over h with tolerance^(-1/2) besides.
@@ -75,7 +75,7 @@ class Tolerances:
             return ""
         relative = max(self.finest, self.least / max(state.size_q, TINY))
         if factor * relative > 1.0:
-            return "roundoff is reached at any tolerance: the motion is too fast for its sizes; look at units and sizes."
+            return "roundoff is reached at any tolerance: the motion is too fast for its sizes; check units and sizes."
         smallest = {"rtol": self.finest, "atol": float(self.atol.min())}
         values = ", ".join(f"{name}={factor * value:.1g}" for name, value in smallest.items() if value > 0)
         return f"roundoff is reached. Loosen the tolerances {factor:.2g} times, to {values}."

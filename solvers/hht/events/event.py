@@ -31,7 +31,7 @@ DEEPEST = 4  # functions that call one another
 
 @dataclass(frozen=True)
 class Event:
-    """A zero of a function of the state, looked for along the motion.
+    """A zero of a function of the state, to be found along the motion.
 
     The function is sampled at the end of each step and at ``samples`` points within it; a change of sign between two of
     these is an event.  So two zeros in one step are found where a sample lies between them; a zero without a change
@@ -64,7 +64,7 @@ class Event:
     name
         For messages; the function's own name without one.
     samples
-        Points within a step at which the function is looked at; where nothing else keeps steps short, ``max_step`` does.
+        Points within a step at which the function is evaluated; where nothing else keeps steps short, ``max_step`` does.
     """
 
     function: Callable[..., Any]

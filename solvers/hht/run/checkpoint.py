@@ -199,7 +199,7 @@ def check(integrator: IntegratorState, engine: Engine, events: int) -> None:
 
 
 def _contradictions(s: IntegratorState, given: int, events: int) -> list[str]:
-    """What contradicts something else, in words."""
+    """Sentences on what contradicts something else."""
     state, memory, t = s.state, s.state.memory, s.last.t
     named = {
         "either a step or tolerances are needed": (s.step is None) == (s.tolerances is None),

@@ -45,7 +45,7 @@ class Crossing:
 
 
 class Refused(Exception):
-    """Why there is no step across, in words."""
+    """Why there is no step across, as a sentence."""
 
 
 @dataclass(frozen=True)

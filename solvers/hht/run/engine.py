@@ -32,7 +32,7 @@ from solvers.kernel import memory as mem
 from solvers.kernel.full import force_and_inverse_mass, force_over_mass
 
 ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
-SHIFTED = ("shifted", "corrected")  # starts with an a0 that is looked at elsewhere
+SHIFTED = ("shifted", "corrected")  # starts with an a0 that is checked elsewhere
 
 
 class NotTaken(ProblemError):
@@ -47,7 +47,7 @@ def not_extrapolated(system: System | NumpySystem) -> list[str]:
 class Engine:
     """Steps of one method for one system.
 
-    Beside the loops' memory it keeps that declared derivatives were given up, for good, and counts what is evaluated.
+    Beside the loops' memory it remembers that declared derivatives are no longer used, and counts what is evaluated.
     """
 
     def __init__(self, dynamics: Dynamics, place: Place, work: Work, options: HHTOptions, *, controlled: bool) -> None:
@@ -74,7 +74,7 @@ class Engine:
         self.fallible = bool(known.declared) and not (functions.newton.matrix_cost and functions.alone)
         self.plain = options.engine == "python"  #: the loops run as plain Python
         self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
-        self.fell_back = False  #: whether the declared derivatives were given up
+        self.fell_back = False  #: whether the declared derivatives were replaced
         self._events: tuple[Event, ...] = ()
         self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
         self._failed_derived: State | None = None  #: a state from which derived derivatives have failed too
@@ -142,7 +142,7 @@ class Engine:
         return state if not found.converged else replace(state, lam=found.lam, mu=found.mu, vdot=found.vdot)
 
     def watch(self, events: tuple[Event, ...]) -> None:
-        """Look at the functions of ``events`` in every step."""
+        """Watch the functions of ``events`` in every step."""
         if events != self._events:
             self._events = events
             self.__dict__.pop("loops", None)
@@ -247,7 +247,7 @@ class Engine:
             self.loops.section(name)[:] = values
 
     def retry_without_declared(self, state: State) -> bool:
-        """Whether the step that was tried last is made without the declared derivatives, which then are given up."""
+        """Whether the step that was tried last succeeds without the declared derivatives, which then are used no longer."""
         if not self.fallible:
             self._failed_derived = state
             return False
@@ -270,7 +270,7 @@ class Engine:
         return False
 
     def fall_back(self) -> str:
-        """Give up the declared derivatives in Newton's matrix for derived ones; returns their names."""
+        """Replace the declared derivatives in Newton's matrix by derived ones; returns their names."""
         if not self.fallible:
             return ""
         at = self.place

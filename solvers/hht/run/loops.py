@@ -42,7 +42,7 @@ OF_CONTROL = {
 
 
 class Loops:
-    """The loops over steps with the functions of ``engine``, which look at the functions of ``events`` in every step."""
+    """The loops over steps with the functions of ``engine``, which watch the functions of ``events`` in every step."""
 
     def __init__(self, engine: Stepped, events: Sequence[Event]) -> None:
         self.functions, self.work = engine.functions, engine.work
@@ -310,7 +310,7 @@ def row_places(z: Memory) -> Any:
 
 
 def misfits(state: State, layout: Layout, given: int) -> list[str]:
-    """Which arrays of ``state`` are of another system, or of other options, in words; ``given``: numbers of a step."""
+    """Which arrays of ``state`` are of another system, or of other options, as text; ``given``: numbers of a step."""
     s, size = layout.structure, layout.size
     known = 0 if state.earlier is None else min(state.earlier.size // size, HIGHEST)
     vectors = dict.fromkeys(("q", "v", "a", "f", "vdot"), (s.n,)) | {"lam": (s.m,), "mu": (s.p,)}
@@ -322,7 +322,7 @@ def misfits(state: State, layout: Layout, given: int) -> list[str]:
 
 
 def misshapen(owner: Any, shapes: dict[str, tuple[int, ...]]) -> list[str]:
-    """Arrays of ``owner`` that have not these ``shapes``, in words; one that is None has any."""
+    """Arrays of ``owner`` that have not these ``shapes``, as text; one that is None has any."""
     found = []
     for name, shape in shapes.items():
         value = getattr(owner, name, None)

@@ -131,7 +131,7 @@ class Integration:
         return {"diagnosis_of": partial(diagnosed, self.solver.system, self.solver.options, end.status, place, h, **known)}
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
-        """Rows between steps on both levels, as the steps are, (H47); what could not be put there, in words."""
+        """Rows between steps on both levels, as the steps are, (H47); a sentence on what could not be put there."""
         which = rows.between
         if which is None or not np.count_nonzero(which):  # in a fifth of the time of any()
             return ""

@@ -71,7 +71,7 @@ def begin(
 
     purpose = engine_pool.purpose_of(system, options, place.q.size, controlled=controlled)
     ready = engine_pool.take(purpose)
-    unseen = ready is not None and not ready.compared  # declared derivatives are looked at before anything begins
+    unseen = ready is not None and not ready.compared  # declared derivatives are checked before anything begins
 
     engine = ready
 
@@ -112,7 +112,7 @@ def make_engine(
     controlled: bool = False,
     ready: Engine | None = None,
 ) -> Engine:
-    """The engine for runs that begin at ``place``, without a look at the start: ``ready`` if it was made for the same."""
+    """The engine for runs that begin at ``place``, without a check of the start: ``ready`` if it was made for the same."""
     dynamics = dynamics_for(system, place, options.without)
     if ready is not None and ready.dynamics is dynamics:
         return ready.again(place, work)

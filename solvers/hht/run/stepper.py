@@ -122,7 +122,7 @@ class Stepper:
         return replace(watch, values=values, sides=(), ahead=h)
 
     def _raise_nonfinite(self) -> None:
-        """Raise for the event function that was not finite where the loops have looked last."""
+        """Raise for the event function that was not finite where the loops have evaluated it last."""
         n = self.engine.structure.n
         (t,), q, v = np.split(self.engine.loops.section(mem.PLACE), [1, 1 + n])
         for event in self.events:

@@ -47,7 +47,7 @@ class IntegratorState:
     watch: EventState
     last: HermiteOutput  #: the last step; one row before the first
     direction: float = 0.0  #: of time, 1 or -1; 0: not known before the first step
-    fell_back: bool = False  #: whether the engine has given up the declared derivatives
+    fell_back: bool = False  #: whether the engine has replaced the declared derivatives
     message: str = ""
     occurrences: tuple[Occurrence, ...] = ()  #: of the last call
     tally: Counter[str] = field(default_factory=Counter)  #: work since the start

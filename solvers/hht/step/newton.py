@@ -1,6 +1,6 @@
 """Newton's iteration for one step: one factorisation kept while it contracts, convergence judged where it counts.
 
-The test looks at increments of q1 and v1 relative to typical sizes (H15).  Increments of a and of the multipliers do
+The test takes increments of q1 and v1 relative to typical sizes (H15).  Increments of a and of the multipliers do
 not serve: they carry roundoff of g divided by h^2 and stop shrinking near h = 1e-4 for a pendulum of metres.
 """
 

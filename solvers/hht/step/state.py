@@ -11,11 +11,11 @@ from hhtbench.solution.filled import Filled
 
 @dataclass(frozen=True, kw_only=True)
 class ControlMemory:
-    """What step control keeps of the last accepted step, or of a look at the motion before the first."""
+    """What step control keeps of the last accepted step, or of the motion at the start."""
 
     h_next: float  #: length to try next [s], of |h|
     last: float  #: signed time between the two accelerations [s]
-    last_but_one: float  #: the same of the step before, or of the look [s]
+    last_but_one: float  #: the same of the step before, or of the start [s]
     q_first: Vector  #: (n,) q before the last two steps, (H59)
     q_before: Vector  #: (n,) q before the last one
     earlier: Vector  #: (n,) f + r before the last step, (H24)
