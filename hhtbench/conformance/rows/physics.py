@@ -11,7 +11,7 @@ import numpy as np
 import hhtbench as hb
 from hhtbench.conformance.entry import Lane, tested
 from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, row, warns, within
-from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum_angles
+from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum, double_pendulum_angles
 from hhtbench.conformance.scenes.rod import FUNCTIONS, MASSLESS, Q0, V0, Rod, plane, problem, two_rods
 from hhtbench.conformance.subject import ALPHAS, Declined, Subject
 
@@ -60,8 +60,8 @@ def mass_ratios(subject: Subject, request: dict[str, Any]) -> Cases:
     finer = {**request, "step": 1e-3} if "step" in request else request
     for power in (-8, -6, -4, -2, 0, 2, 4, 6, 8):
         ratio = 10.0**power
-        (q0, v0), (exact, _) = DoublePendulum.straight(0.5), DoublePendulum.bent(*double_pendulum_angles(0.5, ratio, 1.0))
-        found = subject.ask(DoublePendulum(ratio=ratio), (0.0, 1.0), q0=q0, v0=v0, **finer, max_num_steps=50_000)
+        exact, _ = DoublePendulum.bent(*double_pendulum_angles(0.5, ratio, 1.0))
+        found = subject.ask(double_pendulum(ratio, 1.0), **finer, max_num_steps=50_000)
         forbidden = subject.is_hht and 1e-3 * DoublePendulum.fastest(ratio) > 2.0  # (H33) with b = 0, the default
         if found.success:
             yield f"1e{power}", within(np.abs(found.q[-1] - exact).max(), 1e-3, "error")
