@@ -33,11 +33,7 @@ def _leaning(rows: Matrix, x: float, small: bool, known: float) -> Iterator[Cell
         levels = {"both levels": Expected(error=held(crossed_levels), most=level + known)}
         expected = reacting(way.most + known, rows) | levels
         given: dict[str, Any] = {"small": small, "cause": "depend on the others and were left out"}
-        yield from cells(x, partial(leaning, rows, SPAN), [way], partial(_as_given, expected), **given)
-
-
-def _as_given(expected: dict[str, Expected], most: float) -> dict[str, Expected]:
-    return expected
+        yield from cells(x, partial(leaning, rows, SPAN), [way], expected, **given)
 
 
 @family("rank", "angle between two rows of constraints [rad]")
