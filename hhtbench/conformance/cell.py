@@ -81,16 +81,17 @@ def cells(
     x: float,
     make: Callable[[], Problem],
     ways: Iterable[Way],
-    expected: Callable[[float], Mapping[str, Expected]],
+    expected: Mapping[str, Expected] | Callable[[float], Mapping[str, Expected]],
     *,
     named: str = "{}",
     t_eval: Any = ...,
     **given: Any,
 ) -> Iterator[Cell]:
-    """A cell for each way, with what is ``expected(way.most)``; ``named`` is the form of their lines."""
+    """A cell for each way, with what is ``expected``, or ``expected(way.most)``; ``named`` is the form of their lines."""
     rows = {} if t_eval is ... else {"t_eval": t_eval}
     for line, request, most in ways:
-        yield Cell(x=x, line=named.format(line), make=make, request={**request, **rows}, expected=expected(most), **given)
+        known = expected(most) if callable(expected) else expected
+        yield Cell(x=x, line=named.format(line), make=make, request={**request, **rows}, expected=known, **given)
 
 
 def family(id: str, parameter: str, known: Known | None = None) -> Callable[[Callable[[int], Iterable[Cell]]], Entry]:

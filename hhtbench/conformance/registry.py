@@ -8,7 +8,7 @@ from types import ModuleType
 from hhtbench.conformance.cell import Cell
 from hhtbench.conformance.claims import conduct, control, events, failures, frames, motion
 from hhtbench.conformance.entry import Entry, entries_of
-from hhtbench.conformance.families import forces, long, quaternions, ranks, recurrence, rods, springs
+from hhtbench.conformance.families import forces, long, quaternions, ranks, rods, springs
 from hhtbench.conformance.rows import (
     callbacks,
     convergence,
@@ -29,7 +29,7 @@ def _entries(*modules: ModuleType) -> tuple[Entry, ...]:
 
 
 CLAIMS = _entries(motion, control, events, frames, conduct, failures)
-FAMILIES = _entries(recurrence, springs, rods, quaternions, ranks, forces, long)
+FAMILIES = _entries(springs, rods, quaternions, ranks, forces, long)
 SECTIONS = "MICOSPJERAK"  # letters of the acceptance matrix, in its order
 ROWS = tuple(
     sorted(

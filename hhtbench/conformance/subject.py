@@ -172,9 +172,10 @@ class Subject:
             reasons.append(reason)
         raise Declined(f"{self.name} declines {problem.name}: {'; '.join(dict.fromkeys(reasons))}")
 
-    def fine(self, problem: Problem) -> dict[str, Any]:
-        """The finest request of :meth:`ladder`."""
-        return self.ladder(problem)[-1]
+    def case(self, name: str, fineness: int) -> tuple[Scene, dict[str, Any]]:
+        """A scene, and a request for it: coarse (0), middle (1) or fine (-1)."""
+        scene = self.scene(name)
+        return scene, self.ladder(scene.problem)[fineness]
 
     def solve(self, problem: Problem | str, solver: Solver | None = None, **request: Any) -> Solution:
         """One solve, whatever its status, not kept."""

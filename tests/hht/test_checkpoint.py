@@ -20,7 +20,7 @@ from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
 from solvers.hht.run.checkpoint import MAGIC, VERSION
 from tests.hht.event_scenes import ACCURACY, FREE, begun, height, wall
-from tests.hht.scenes import JAX_PENDULUM, PENDULUM, Q0, STEPPED, SYSTEMS, V0, bits
+from tests.hht.scenes import ALPHAS, JAX_PENDULUM, PENDULUM, Q0, STEPPED, SYSTEMS, V0, bits
 
 
 def stepped(solver, count):
@@ -34,6 +34,7 @@ def stepped(solver, count):
 SAVED = [(scene, "constant", {}) for scene in STEPPED]
 SAVED += [(scene, "controlled", {}) for scene in ("jax", "numpy", "singular mass")]
 SAVED += [("rods", accuracy, {"extrapolate_reaction": True}) for accuracy in ACCURACY]
+COPIES = {"pickled": lambda hht: pickle.loads(pickle.dumps(hht)), "copied": copy.deepcopy}
 SCENES = {**STEPPED, "rods": (DoublePendulum(ratio=1e4), *DoublePendulum.straight(0.5))}
 
 
@@ -54,6 +55,18 @@ def test_a_run_that_was_checkpointed_and_resumed_goes_on_bit_by_bit(scene, accur
     at = parts.state.t
     assert parts.interpolate(at).q.tobytes() == whole.interpolate(at).q.tobytes()
     assert parts.checkpoint() == saved
+
+
+@pytest.mark.parametrize("copied", COPIES)
+@pytest.mark.parametrize("alpha", ALPHAS)
+@pytest.mark.parametrize("accuracy", ACCURACY)
+def test_a_solver_that_was_pickled_or_copied_in_mid_run_goes_on_bit_by_bit(accuracy, alpha, copied):
+    whole, parts = (begun(SYSTEMS["jax"], accuracy, alpha=alpha) for _ in range(2))
+    expected, found = stepped(whole, 40), []
+    for count in (0, 1, 2, 17, 20):
+        found += stepped(parts, count)
+        parts = COPIES[copied](parts)
+    assert found == expected
 
 
 @pytest.mark.parametrize("accuracy", ACCURACY)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from hhtbench.protocol.system import NumpySystem
 from solvers.hht import HHT, Event
 from tests.hht.event_scenes import FREE, GRAVITY, HOW, RESTITUTION, clock, height, impacts, wall
 from tests.hht.scenes import ALPHAS, Q0, SYSTEMS, V0, tension_at
@@ -28,6 +29,19 @@ def test_a_bouncing_ball_hits_the_floor_when_the_closed_solution_does_from_any_o
         np.testing.assert_allclose(solution.q_events[0], 0.0, atol=1e-14)
         speeds = GRAVITY * fall * RESTITUTION ** np.arange(len(expected))
         np.testing.assert_allclose(solution.v_events[0][:, 0], -speeds, rtol=1e-13)
+
+
+@pytest.mark.parametrize("how", HOW, ids=str)
+@pytest.mark.parametrize("alpha", ALPHAS)
+def test_a_force_that_flips_at_a_known_time_is_right_where_the_flip_is_an_event(alpha, how):
+    """A free mass: q = t - a t^2/2 to the flip, then pushed the other way."""
+    system = NumpySystem(force=lambda t, q, v: np.array([-GRAVITY if q[1] < 0.5 else GRAVITY, 0.0]))
+    flip = clock(0.4321, change=lambda t, q, v: (np.array([q[0], 1.0]), v))
+    solution = HHT(system, alpha=alpha, events=flip).solve((0.0, 1.0), [0.0, 0.0], [1.0, 0.0], **how)
+    rest = 1.0 - 0.4321
+    known = 1.0 - GRAVITY * 0.4321**2 / 2 - GRAVITY * 0.4321 * rest + GRAVITY * rest**2 / 2
+    assert solution.q[-1, 0] == pytest.approx(known, abs=1e-5)
+    assert np.abs(solution.t - 0.4321).min() < 1e-9
 
 
 @pytest.mark.parametrize("alpha", ALPHAS)

@@ -35,8 +35,7 @@ def inputs_are_left_alone(subject: Subject) -> None:
 @claim("inputs/results_are_the_callers")
 def results_share_no_memory(subject: Subject) -> None:
     """What a caller writes into a solution reaches neither the problem nor the next solution."""
-    scene = subject.scene("position")
-    request = subject.ladder(scene.problem)[0]
+    scene, request = subject.case("position", 0)
     first = subject.succeeds(scene.problem, **request)
     kept = first.q.copy()
     for array in (first.t, first.q, first.v, first.lam):
@@ -50,8 +49,7 @@ def results_share_no_memory(subject: Subject) -> None:
 @claim("inputs/world")
 def world_is_left_alone(subject: Subject) -> None:
     """A solve prints nothing, warns of nothing, and leaves random numbers and floating-point settings alone."""
-    scene = subject.scene("position")
-    request = subject.ladder(scene.problem)[0]
+    scene, request = subject.case("position", 0)
     before = np.random.get_state()[1].copy(), np.geterr()  # type: ignore[index]  # noqa: NPY002
     said = io.StringIO()
     with warnings.catch_warnings(record=True) as warned, contextlib.redirect_stdout(said):
@@ -109,8 +107,7 @@ def rows_are_at_the_times_asked_for(subject: Subject) -> None:
 @claim("output/as_accurate", "position", "rheonomic", "velocity", "mixed")
 def output_between_steps_is_as_accurate(subject: Subject, name: str) -> None:
     """Rows between the steps are as accurate as those at steps."""
-    scene = subject.scene(name)
-    request = subject.ladder(scene.problem)[1]
+    scene, request = subject.case(name, 1)
     times = scene.problem.t_span[0] + np.linspace(0.01, 1.49, 23)
     at_steps = errors(scene, subject.solved(scene, **request))
     between = errors(scene, subject.solved(scene, **at(request, times)))
@@ -124,8 +121,7 @@ def output_between_steps_is_as_accurate(subject: Subject, name: str) -> None:
 @claim("output/dense")
 def dense_output_meets_the_steps(subject: Subject) -> None:
     """Dense output meets the steps it was made of, is right between them, and refuses times outside."""
-    scene = subject.scene("position")
-    request = subject.ladder(scene.problem)[1]
+    scene, request = subject.case("position", 1)
     solution = subject.solve(scene.problem, **request, dense_output=True)
     if solution.interpolant is None:
         raise Declined(f"{subject.name} has no dense output")

@@ -38,8 +38,7 @@ def _height(direction: int, terminal: bool) -> Callable[..., Any]:
 
 def _solved(subject: Subject, direction: int = 0, terminal: bool = False) -> tuple[Scene, Solution, float]:
     """The pendulum with that event, and what its error may be."""
-    scene = subject.scene("position")
-    request = subject.ladder(scene.problem)[1]
+    scene, request = subject.case("position", 1)
     solver = subject.having("with_events")(_height(direction, terminal))
     return scene, subject.solve(scene.problem, solver, **request), subject.bound(request, scene.problem)
 

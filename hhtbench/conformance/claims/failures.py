@@ -37,8 +37,7 @@ def _says(solution: Solution, *words: str) -> None:
 @claim("budget/steps")
 def budget_of_steps(subject: Subject) -> None:
     """``max_num_steps`` ends the run with status max_steps, after so many steps, which are those of a run without it."""
-    scene = subject.scene("position")
-    request = subject.ladder(scene.problem)[0]
+    scene, request = subject.case("position", 0)
     whole = subject.solved(scene, **request)
     cut = subject.solve(scene.problem, **request, max_num_steps=2)
     expect(cut.status is Status.max_steps, f"with 2 steps allowed it ends with {cut.status.label}: {cut.message}")
@@ -85,8 +84,7 @@ def budget_of_seconds(subject: Subject) -> None:
 @claim("budget/unused")
 def unused_budgets_change_nothing(subject: Subject) -> None:
     """Budgets that are not used up change no bit."""
-    scene = subject.scene("position")
-    request = subject.ladder(scene.problem)[1]
+    scene, request = subject.case("position", 1)
     steps = subject.solved(scene, **request).counters.steps_accepted or 10**6
     free = subject.succeeds(scene.problem, **request, max_num_steps=steps, max_evaluations=10**8, max_seconds=1e4)
     same_bits(subject.solved(scene, **request), free)
@@ -188,8 +186,7 @@ def exception_comes_back(subject: Subject, part: str) -> None:
 @claim("exception/works_again")
 def works_again(subject: Subject) -> None:
     """After an exception of a system the solver gives the same bits as before it."""
-    scene = subject.scene("position")
-    request = subject.ladder(scene.problem)[1]
+    scene, request = subject.case("position", 1)
     before = subject.solved(scene, **request)
     exception_comes_back(subject, "half_way")
     same_bits(before, subject.succeeds(scene.problem, **request))

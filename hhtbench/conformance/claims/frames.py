@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pickle
-import warnings
 from dataclasses import replace
 
 import numpy as np
 
 from hhtbench.conformance.entry import claim
-from hhtbench.conformance.scenes.pendulum import Frame, RedundantPendulum, pendulum
+from hhtbench.conformance.scenes.pendulum import Frame, pendulum
 from hhtbench.conformance.scenes.scene import SPAN, Scene
 from hhtbench.conformance.scenes.small import moving_circle
 from hhtbench.conformance.subject import Subject, at, errors, expect, rms, size_of
@@ -57,23 +56,6 @@ def frame_changes_nothing(subject: Subject, part: str) -> None:
     ):
         off = rms(back - known) / size_of(known)
         expect(off <= most, f"{name} differs by {off:.1e} from the motion in the plain frame; expected {most:.1e} at most")
-
-
-@claim("constraints/redundant")
-def redundant_rows(subject: Subject) -> None:
-    """A row given twice ends the run with a message, or is declined, or changes nothing of the motion."""
-    scene = pendulum(RedundantPendulum, name="redundant")
-    request = subject.ladder(scene.problem)[1]
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="redundant constraints")
-        solution = subject.solve(scene.problem, **request)
-    if not solution.success:
-        named = "redundant" in solution.status.label or "g[" in solution.message or "depend" in solution.message
-        expect(named, f"a row given twice ends with {solution.status.label}: {solution.message!r} does not say so")
-        return
-    known = np.array([scene.exact(float(t)).q for t in solution.t])
-    off, bound = rms(solution.q - known), 10 * subject.bound(request, subject.scene("position").problem)
-    expect(off <= bound, f"with a row given twice the error is {off:.1e}; expected {bound:.1e} at most")
 
 
 TIMES: dict[str, Scene] = {

@@ -115,8 +115,8 @@ def _expect_levels(scene: Scene, solution: Any, bound: float, where: str) -> Non
 @claim("multipliers", *CONSTRAINED)
 def multipliers_are_those_of_the_acceleration_level(subject: Subject, name: str) -> None:
     """The multipliers of every row are those with which the constraints hold at the acceleration level of that row."""
-    scene = subject.scene(name)
-    _expect_acceleration_level(scene, subject.solved(scene, **subject.fine(scene.problem)))
+    scene, request = subject.case(name, -1)
+    _expect_acceleration_level(scene, subject.solved(scene, **request))
 
 
 def _expect_acceleration_level(scene: Scene, solution: Any) -> None:
@@ -130,8 +130,7 @@ def _expect_acceleration_level(scene: Scene, solution: Any) -> None:
 @claim("multiplier_error", *CONSTRAINED)
 def multipliers_are_right(subject: Subject, name: str) -> None:
     """The multipliers of every row, and those the solver itself carries, are near the closed solution's."""
-    scene = subject.scene(name)
-    request = subject.fine(scene.problem)
+    scene, request = subject.case(name, -1)
     solution = subject.solved(scene, **request)
     bound = 10 * subject.bound(request, scene.problem)
     for which, error in errors(scene, solution).items():
@@ -141,8 +140,7 @@ def multipliers_are_right(subject: Subject, name: str) -> None:
 @claim("energy", *ENERGETIC)
 def energy_is_balanced(subject: Subject, name: str) -> None:
     """Energy changes by the work of what is declared to feed it, to the error of the run."""
-    scene = subject.scene(name)
-    request = subject.fine(scene.problem)
+    scene, request = subject.case(name, -1)
     solution = subject.solved(scene, **at(request, np.linspace(*scene.problem.t_span, BETWEEN)))
     system = scene.problem.system
     energy = [float(declared(system, "energy")(*row)) for row in zip(solution.t, solution.q, solution.v, strict=True)]
@@ -200,8 +198,8 @@ SEEKS = (
 @claim("newton", *EVERY, known={"collocation": SEEKS})
 def newton_is_quick(subject: Subject, name: str) -> None:
     """Where Newton's iterations are counted, a step of a smooth motion takes few and none fails."""
-    scene = subject.scene(name)
-    counters = subject.solved(scene, **subject.fine(scene.problem)).counters
+    scene, request = subject.case(name, -1)
+    counters = subject.solved(scene, **request).counters
     if counters.newton_iterations is None or not counters.steps_accepted:
         raise Declined(f"{subject.name} does not report Newton's iterations")
     steps = counters.steps_accepted + (counters.steps_rejected_error or 0)

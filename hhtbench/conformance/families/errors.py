@@ -22,23 +22,17 @@ REACTION = 10.0  # error of multipliers over that of the motion: they hold accel
 HALF = 0.5  # of the multipliers' scale: an error above it is a reaction that does not act, or acts twice
 
 
-def reacting(most: float) -> dict[str, Expected]:
-    """The same, and the multipliers, ten times less exactly."""
-    return motion(most) | {"reaction": Expected(error=off_reaction, most=min(REACTION * most, HALF))}
+def reacting(most: float, rows: Matrix | None = None) -> dict[str, Expected]:
+    """The same, and the multipliers, ten times less exactly, at every row but the first, which may be before a jump.
 
-
-def reacting_by(rows: Matrix, most: float) -> dict[str, Expected]:
-    """The same, where ``rows`` (m, p) of p constraints share a reaction that is known in their sum only."""
+    Where ``rows`` (m, p) of p constraints share a reaction it is known in their sum only.
+    """
 
     def error(problem: Problem, found: Solution) -> float:
-        return float(np.max(np.abs((exact(problem, found, "lam") - found.lam) @ rows)[1:]))
+        missed = ((exact(problem, found, "lam") - found.lam) / problem.scales.lam)[1:]
+        return float(np.max(np.abs(missed if rows is None else missed @ rows)))
 
     return motion(most) | {"reaction": Expected(error=error, most=min(REACTION * most, HALF))}
-
-
-def off_reaction(problem: Problem, found: Solution) -> float:
-    """Largest scaled error of the multipliers over the rows but the first, which may hold those before a jump."""
-    return float(np.max(np.abs(exact(problem, found, "lam") - found.lam)[1:] / problem.scales.lam))
 
 
 def off(problem: Problem, found: Solution, *further: Solution) -> float:

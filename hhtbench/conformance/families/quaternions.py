@@ -85,9 +85,5 @@ def quaternions(seed: int) -> Iterator[Cell]:
         for name, length, scale in (("row", 1.0, 10.0**power), ("length", 10.0**power, 1.0)):
             for way, level in ((rtol(1e-5), ACCURACY * 1e-5), (step(1e-2, CURVATURE * 1e-4), LEVELS)):
                 levels = {"both levels": Expected(error=held(partial(_levels, length)), most=level)}
-                make, expected = partial(turning, length, scale), partial(_turns, levels)
+                make, expected = partial(turning, length, scale), reacting(way.most) | levels
                 yield from cells(10.0**power, make, [way], expected, named=f"{name}, {{}}", small=power == -6)
-
-
-def _turns(levels: dict[str, Expected], most: float) -> dict[str, Expected]:
-    return reacting(most) | levels

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 from hhtbench.catalogue.registry import load_problem
 from hhtbench.conformance.cell import Cell, Expected, cells, family, rtol, step
-from hhtbench.conformance.families.errors import at_the_end, held, reacting_by
+from hhtbench.conformance.families.errors import at_the_end, held, reacting
 from hhtbench.conformance.scenes.circles import crossed_levels, leaning
 from hhtbench.conformance.subject import ACCURACY
 from hhtbench.protocol.arguments import Matrix
@@ -31,13 +31,9 @@ def _leaning(rows: Matrix, x: float, small: bool, known: float) -> Iterator[Cell
     """``known``: to what the rows themselves are rounded, over what they say apart from each other."""
     for way, level in ((rtol(1e-5), ACCURACY * 1e-5), (step(1e-2, 1e-3), LEVELS)):
         levels = {"both levels": Expected(error=held(crossed_levels), most=level + known)}
-        expected = reacting_by(rows, way.most + known) | levels
+        expected = reacting(way.most + known, rows) | levels
         given: dict[str, Any] = {"small": small, "cause": "depend on the others and were left out"}
-        yield from cells(x, partial(leaning, rows, SPAN), [way], partial(_as_given, expected), **given)
-
-
-def _as_given(expected: dict[str, Expected], most: float) -> dict[str, Expected]:
-    return expected
+        yield from cells(x, partial(leaning, rows, SPAN), [way], expected, **given)
 
 
 @family("rank", "angle between two rows of constraints [rad]")

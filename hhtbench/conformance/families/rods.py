@@ -40,15 +40,11 @@ def masses(seed: int) -> Iterator[Cell]:
     """A double pendulum of masses up to 1e8 apart: DOP853 in minimal coordinates."""
     for power in range(-8, 9, 2):
         ratio = 10.0**power
-        expected = partial(_end, ratio)
         for way in (rtol(1e-4), rtol(1e-6), step(1e-3, 1e-3)):
             small = power in (-8, -4, 4) and way.line != "rtol 1e-06"
             make = partial(double_pendulum, ratio, 1.0)
+            expected = {"end": Expected(error=partial(_off_angles, ratio), most=way.most)}
             yield from cells(ratio, make, [way], expected, t_eval=[1.0], small=small)
-
-
-def _end(ratio: float, most: float) -> dict[str, Expected]:
-    return {"end": Expected(error=partial(_off_angles, ratio), most=most)}
 
 
 def _off_angles(ratio: float, problem: Problem, found: Solution) -> float:

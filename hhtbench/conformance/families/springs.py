@@ -144,17 +144,14 @@ def order(seed: int) -> Iterator[Cell]:
             ways.append(step(h, min(BEND * h**2 + (_sway(power) if unresolved else beyond) + ROUNDOFF, THERE)))
         for way in ways:
             small = power in (2, 10) and way.line in ("rtol 1e-05", "h = 0.01 s")
-            yield from cells(10.0**power, make, [way], _end, t_eval=[1.0], small=small)
+            expected = {"end": Expected(error=at_the_end, most=way.most)}
+            yield from cells(10.0**power, make, [way], expected, t_eval=[1.0], small=small)
         if power in FITTED:
             first, *others = ({"step": h, "t_eval": [1.0]} for h in SLOPE)
             fitted = {"order below 2 by": Expected(error=partial(_shortfall, beyond), most=SHORT)}
             given: dict[str, Any] = {"x": 10.0**power, "make": make, "small": power in (2, 10)}
             further = tuple((make, request) for request in others)
             yield Cell(line="fitted order", request=first, expected=fitted, further=further, **given)
-
-
-def _end(most: float) -> dict[str, Expected]:
-    return {"end": Expected(error=at_the_end, most=most)}
 
 
 def _shortfall(floor: float, problem: Problem, *runs: Solution) -> float:

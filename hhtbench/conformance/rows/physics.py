@@ -11,9 +11,9 @@ import numpy as np
 import hhtbench as hb
 from hhtbench.conformance.entry import Lane, tested
 from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, row, warns, within
-from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum_angles
+from hhtbench.conformance.scenes.linkages import DoublePendulum, double_pendulum, double_pendulum_angles
 from hhtbench.conformance.scenes.rod import FUNCTIONS, MASSLESS, Q0, V0, Rod, plane, problem, two_rods
-from hhtbench.conformance.subject import ALPHAS, Declined, Subject
+from hhtbench.conformance.subject import ALPHAS, Subject
 
 STATUS = hb.Status
 NAMED = (
@@ -60,8 +60,8 @@ def mass_ratios(subject: Subject, request: dict[str, Any]) -> Cases:
     finer = {**request, "step": 1e-3} if "step" in request else request
     for power in (-8, -6, -4, -2, 0, 2, 4, 6, 8):
         ratio = 10.0**power
-        (q0, v0), (exact, _) = DoublePendulum.straight(0.5), DoublePendulum.bent(*double_pendulum_angles(0.5, ratio, 1.0))
-        found = subject.ask(DoublePendulum(ratio=ratio), (0.0, 1.0), q0=q0, v0=v0, **finer, max_num_steps=50_000)
+        exact, _ = DoublePendulum.bent(*double_pendulum_angles(0.5, ratio, 1.0))
+        found = subject.ask(double_pendulum(ratio, 1.0), **finer, max_num_steps=50_000)
         forbidden = subject.is_hht and 1e-3 * DoublePendulum.fastest(ratio) > 2.0  # (H33) with b = 0, the default
         if found.success:
             yield f"1e{power}", within(np.abs(found.q[-1] - exact).max(), 1e-3, "error")
@@ -212,21 +212,15 @@ def overflows(subject: Subject, request: dict[str, Any]) -> Cases:
     yield "jump", ends(subject.ask(jump, rtol=1e-4), STATUS.step_too_small, STATUS.success)
 
 
+P11 = tested(
+    "P11",
+    "a force that flips at a known time, declared as an event",
+    "a step lands there; the closed solution",
+    "tests/hht/test_event_changes.py",
+)
 FLIP = 0.4321  # [s]
 REST = 1.0 - FLIP  # [s]
 FLIPPED = 1.0 - 9.81 * FLIP**2 / 2 + (-9.81 * FLIP) * REST + 9.81 * REST**2 / 2  # [m]: at 1 s, from 1 m/s
-
-
-@row("P11", "a force that flips at a known time, declared as an event", "a step lands there; error at most 1e-5")
-def declared_flip(subject: Subject, request: dict[str, Any]) -> Cases:
-    """A free mass: q = t - a t^2/2 to the flip, then pushed the other way."""
-    if not subject.is_hht:
-        raise Declined("the adapters have no events")
-    system = hb.NumpySystem(force=lambda t, q, v: np.array([-9.81 if q[1] < 0.5 else 9.81, 0.0]))
-    flip = hb.Event(lambda t, q, v: t - FLIP, change=lambda t, q, v: (np.array([q[0], 1.0]), v), name="flip")
-    found = subject.ask(system, (0.0, 1.0), q0=[0.0, 0.0], v0=[1.0, 0.0], events=flip, **request)
-    yield "error", arrives(found) or within(abs(found.q[-1, 0] - FLIPPED), 1e-5, "error")
-    yield "row", within(np.abs(found.t - FLIP).min(), 1e-9, "nearest row off by")
 
 
 @row("P12", "force flips undeclared; sign(v) sticking; tanh(v/1e-3)", "result or a bounded end", seconds=10.0)

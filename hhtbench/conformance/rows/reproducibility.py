@@ -58,29 +58,6 @@ def one_ulp(subject: Subject, request: dict[str, Any]) -> Cases:
     yield "", within(apart(one, other) / request.get("rtol", 1e-6), 100, "difference over the tolerance:")
 
 
-def _stepped(hht: Any, count: int) -> list[bytes]:
-    """The bits of so many states."""
-    found = []
-    for _ in range(count):
-        if hht.step() is not STATUS.success:
-            raise RuntimeError(hht.message)
-        found.append(b"".join(np.asarray(getattr(hht.state, x)).tobytes() for x in ("t", "q", "v", "a", "lam")))
-    return found
-
-
-def _goes_on(subject: Subject, save: Callable[[Any], Any], request: dict[str, Any]) -> str:
-    """The fault of steps that are saved at five places and gone on with, beside one run."""
-    accuracy = {k: x for k, x in request.items() if k != "alpha"}
-    whole, parts = (subject.hht(Rod(), alpha=request.get("alpha")) for _ in range(2))
-    for hht in (whole, parts):
-        hht.init_step(0.0, Q0, V0, **accuracy)
-    right, found = _stepped(whole, 40), []
-    for count in (0, 1, 2, 17, 20):
-        found += _stepped(parts, count)
-        parts = save(parts)
-    return "" if found == right else "other bits"
-
-
 R3 = tested(
     "R3",
     "stop, save, load, go on",
@@ -92,13 +69,11 @@ COPIES: dict[str, Callable[[Any], Any]] = {"pickle": lambda x: pickle.loads(pick
 
 @row("R4", "pickle and deepcopy of solver and solution", "the same bits")
 def copies(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Of an integrator in mid-run; of a solution of every solver."""
+    """Of a solution; of an integrator in mid-run: tests/hht/test_checkpoint.py."""
     found = subject.ask(Rod(), **request)
     for case, made in COPIES.items():
         other = made(found)
         yield f"solution by {case}", same(other, found) or ("" if other.counters == found.counters else "other counters")
-        if subject.is_hht:
-            yield f"solver by {case}", _goes_on(subject, made, request)
 
 
 @row("R5", "two solves in two threads; one solver in two threads", "the bits of one after the other; the second use refused")

@@ -178,12 +178,6 @@ class Oscillator(System):
         return -self.stiffness * q - self.damping * v
 
 
-def oscillator(frequency: float, steps: int) -> Problem:
-    """From rest position with unit speed, over ``steps`` [s]."""
-    system = Oscillator(stiffness=frequency**2)
-    return Problem(name="oscillator", system=system, t_span=(0.0, float(steps)), q0=np.zeros(1), v0=np.ones(1))
-
-
 AHEAD, ASIDE = np.eye(2)
 BEND = 2.0  # radius of the circle on which masses slide and bounce [m]
 

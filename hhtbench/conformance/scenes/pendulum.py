@@ -1,4 +1,4 @@
-"""Position constraints: a pendulum in a plane of space, traced, declared, redundant, and as plain functions."""
+"""Position constraints: a pendulum in a plane of space, traced, declared, and as plain functions."""
 
 from __future__ import annotations
 
@@ -69,15 +69,6 @@ class DeclaredPendulum(Pendulum):
     def reaction_jacobians(self, t: Any, q: Any, lam: Any) -> Any:
         """The rod's direction turns."""
         return -self.scale * lam[0] * jnp.eye(3), -self.constraint_jacobian(t, q).T
-
-
-class RedundantPendulum(Pendulum):
-    """The rod's row twice."""
-
-    def constraint(self, t: Any, q: Any) -> Any:
-        """The last row follows from the first."""
-        rows = super().constraint(t, q)
-        return jnp.append(rows, 2.0 * rows[0])
 
 
 class HeavyingPendulum(Pendulum):

@@ -23,7 +23,7 @@ ABOUT = (
     "runs of a solver. What is allowed stands beside every line of an axis: under error control mostly a hundred "
     "times the tolerance, for prescribed steps the error of a method of second order, capped where a motion that "
     "stands still or has lost its phase would pass. A solver is safe on an axis where no cell misleads and at least "
-    f"{100 * SAFE:g} % are right. Steps on an oscillator are compared with rows of the closed recurrence; the matrix of "
+    f"{100 * SAFE:g} % are right. The matrix of "
     "HHT's step, its radius, damping and overshoot are rows M1 to M5 of hhtbench study acceptance, by how much error "
     "control lets its steps grow is row M10, spans of 1e300 s are row S6. "
     "Maps of stability of the closed-loop solvers of game engines are in arXiv 2504.19771 (2025); new here: typed ends, "
