@@ -234,7 +234,7 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) 
         worst = max(worst, float(off[list(redundant)].max()))
         data = min(data, DATA * worst)  # of the first place: later ones are off by more
         if i < count:
-            from hhtbench.lowering import minimum_norm  # few constraints are redundant
+            from hhtbench.lowering.dynamics.rank import minimum_norm  # few constraints are redundant
 
             lam[i], mu[i] = np.split(minimum_norm(at.rows, np.concatenate([lam[i], mu[i]]), redundant), [m])
             done += 1

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import issparse
 
-from hhtbench.lowering import CONSISTENT, ConstraintLevels, Dynamics, constraint_rank, size_of, unreduced
+from hhtbench.lowering import CONSISTENT, ConstraintLevels, Dynamics, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt_rows import Acceleration
+from hhtbench.lowering.dynamics.rank import constraint_rank
 from hhtbench.protocol.arguments import all_finite
 from hhtbench.protocol.errors import NonFiniteValue, ProblemError
 from hhtbench.protocol.system import NumpySystem, System

@@ -24,7 +24,7 @@ from solvers._guard import Guard, Halt, LibraryWork
 from solvers._start import Failure, Place, absolute_tolerances, budget_failure, of_dynamics, plain_start, tried_twice
 
 if TYPE_CHECKING:
-    from hhtbench.lowering import AccelerationLevel
+    from hhtbench.lowering.dynamics.kkt import AccelerationLevel
     from solvers._start import Begun
 
 __all__ = ["Halt", "Run"]

@@ -14,7 +14,6 @@ from hhtbench.lowering import (
     ConstraintLevels,
     Dynamics,
     Levels,
-    augment,
     derive,
     reduce_redundant,
     route_of,
@@ -35,7 +34,7 @@ from hhtbench.solution.result import Status
 from solvers._finite import expect_finite
 
 if TYPE_CHECKING:
-    from hhtbench.lowering import AccelerationLevel
+    from hhtbench.lowering.dynamics.kkt import AccelerationLevel
     from hhtbench.lowering.dynamics.kkt_rows import Acceleration
     from solvers.kernel.level import CompiledLevel
 
@@ -122,7 +121,7 @@ class OfDynamics:
     @cached_property
     def acceleration(self) -> AccelerationLevel:
         """Likewise."""
-        from hhtbench.lowering import AccelerationLevel  # small systems have machine code for it
+        from hhtbench.lowering.dynamics.kkt import AccelerationLevel  # small systems have machine code for it
 
         return AccelerationLevel(self._dynamics)
 
@@ -227,6 +226,8 @@ def usable(dynamics: Dynamics, place: Place) -> Dynamics:
     with uncounted():
         dynamics = _independent(dynamics, place)
         if dynamics.structure.constrained and singular_mass(dynamics, place):
+            from hhtbench.lowering.dynamics.augmented import augment  # few masses are singular
+
             dynamics = augment(dynamics, place.t, place.q)
         return dynamics
 

@@ -20,7 +20,8 @@ import numpy as np
 from hhtbench.campaign.accuracy import same_time
 from hhtbench.campaign.metrics import counters_of, measure
 from hhtbench.checks.result.judge import judge
-from hhtbench.checks.result.success import doubt_about, ends_elsewhere, impossible_work, too_few
+from hhtbench.checks.result.repeated import ends_elsewhere, impossible_work
+from hhtbench.checks.result.success import doubt_about, too_few
 from hhtbench.lowering import derive, operations
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError

@@ -7,6 +7,8 @@
     ``judge.judge`` adds the equations of motion, for campaigns and ``solution.verify()``.
 ``drift``
     How far a solution leaves constraints, energy and invariants.
-``times``
-    Whether floating-point times resolve the steps of a solver; the only part that solvers import.
+``jumps``
+    Where the velocities of prescribed motions jump, and the impulse there.
+``accuracy``
+    ``hb.solve(accuracy=...)``: runs, finer and finer, until their error is shown to be small enough.
 """

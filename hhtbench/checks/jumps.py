@@ -16,12 +16,12 @@ import numpy as np
 
 from hhtbench.checks.independent import independent
 from hhtbench.lowering import (
-    AccelerationLevel,
     ConstraintLevels,
     Dynamics,
     derive,
 )
 from hhtbench.lowering.caching import Cache, by_id
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.system import Problem, System

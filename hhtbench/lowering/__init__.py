@@ -15,9 +15,10 @@ from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.lowering.dynamics.levels import CONSISTENT, ConstraintLevels, Levels, Misfit, size_of
 from hhtbench.lowering.dynamics.mass import SYMMETRIC, asymmetry, mass_at, mass_is_singular, singular_at
 from hhtbench.lowering.dynamics.reductions import REDUCTIONS
-from hhtbench.lowering.dynamics.regular import augment, padded, reduce_redundant, redundant_rows, unreduced
+from hhtbench.lowering.dynamics.regular import padded, reduce_redundant, redundant_rows, unreduced
 
 if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.augmented import augment
     from hhtbench.lowering.dynamics.kkt import AccelerationLevel
     from hhtbench.lowering.dynamics.operations import operations
     from hhtbench.lowering.dynamics.rank import ConstraintRank, constraint_rank, minimum_norm
@@ -59,6 +60,7 @@ __all__ = [
 
 _MODULES = {  # which the solves of most systems do without
     "scalar_compiler": ("Native", "NotNative", "native"),
+    "dynamics.augmented": ("augment",),
     "dynamics.kkt": ("AccelerationLevel",),
     "dynamics.operations": ("operations",),
     "dynamics.rank": ("ConstraintRank", "constraint_rank", "minimum_norm"),

@@ -9,7 +9,6 @@ import numpy as np
 from tabulate import tabulate
 
 from hhtbench.lowering import (
-    AccelerationLevel,
     Dynamics,
     Structure,
     derive,
@@ -18,6 +17,7 @@ from hhtbench.lowering import (
     singular_at,
     too_large,
 )
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.matrix_free import SMALL
 from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.protocol.system import DECLARABLE, PHYSICS, NumpySystem, Problem, System, declared

@@ -10,14 +10,14 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from hhtbench.lowering import (
-    AccelerationLevel,
     ConstraintLevels,
     derive,
-    minimum_norm,
     padded,
     reduce_redundant,
 )
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.kkt_rows import Acceleration
+from hhtbench.lowering.dynamics.rank import minimum_norm
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError, Stop
 from hhtbench.protocol.printing import exact

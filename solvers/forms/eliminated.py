@@ -16,8 +16,9 @@ import scipy.sparse as sp
 from scipy.linalg.lapack import dgesv
 from scipy.sparse.linalg import splu
 
-from hhtbench.lowering import AccelerationLevel, Dynamics, compile_function, route_of
+from hhtbench.lowering import Dynamics, compile_function, route_of
 from hhtbench.lowering.compile.coloured import Indices, OftenCalled
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.matrix_free import MatrixFree
 from hhtbench.lowering.dynamics.products import matrix_free, paying_products
 from hhtbench.protocol.arguments import Matrix, Vector

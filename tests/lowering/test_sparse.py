@@ -12,7 +12,8 @@ from hhtbench import System, parameter
 from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
 from hhtbench.lowering.compile.coloured import Coloured
 from hhtbench.lowering.description import describe
-from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Sparse, compact, entries_at, full
+from hhtbench.lowering.dynamics.band_mass import BandInverse, entries_at
+from hhtbench.lowering.dynamics.mass import Diagonal, Sparse, compact, full
 from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.lowering.scalar_compiler import native, native_call
 from hhtbench.solution.counting import Work

@@ -10,7 +10,8 @@ import pytest
 
 import hhtbench as hb
 from hhtbench import Counters, NumpySystem, Problem, Request, Solution, Status
-from hhtbench.checks.result.success import doubt_about, ends_elsewhere, impossible_work
+from hhtbench.checks.result.repeated import ends_elsewhere, impossible_work
+from hhtbench.checks.result.success import doubt_about
 from tests.trust.faulty import Returning
 
 FALL = Problem(name="fall", system=NumpySystem(force=lambda t, q, v: 0 * q - 9.81), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline
 
 from hhtbench.lowering import Dynamics, compile_function
 from hhtbench.lowering.dynamics.kkt_rows import kkt_terms
@@ -56,15 +56,9 @@ def power_of_level(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
 def with_middles(states: States) -> States:
     """The states of different times and those half-way between them, by the cubic through q and v, (2k - 1, ...)."""
     t, first = np.unique(states[0], return_index=True)
-    q, v = (part[first] for part in states[1:])
-    h = np.diff(t)[:, None]
-    middle_q = (q[1:] + q[:-1]) / 2 - h / 8 * np.diff(v, axis=0)
-    middle_v = 1.5 * np.diff(q, axis=0) / h - (v[1:] + v[:-1]) / 4
-    found = (t, q, v), (t[:-1] + h[:, 0] / 2, middle_q, middle_v)
-    times, *parts = (np.zeros((2 * t.size - 1, *part.shape[1:])) for part in found[0])
-    for whole, ends, middles in zip((times, *parts), *found, strict=True):
-        whole[::2], whole[1::2] = ends, middles
-    return times, parts[0], parts[1]
+    curve: Any = CubicHermiteSpline(t, states[1][first], states[2][first])
+    times = np.sort(np.concatenate([t, (t[1:] + t[:-1]) / 2]))
+    return times, curve(times), curve(times, 1)
 
 
 def fed_by(t: Vector, times: Vector, power: Vector) -> Fed:

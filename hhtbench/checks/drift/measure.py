@@ -254,7 +254,7 @@ def _energy(dynamics: Dynamics, states: tuple[Vector, Matrix, Matrix], energies:
     """The balance of the energy, column 0 of ``energies`` (k, 2), beside the kinetic energy, at the ``states``."""
     t, q, v = states
     nothing = Fed(np.zeros(t.size), np.zeros(t.size))
-    if declared(dynamics.system, "power") is None or t.size == 1:
+    if declared(dynamics.system, "power") is None or np.ptp(t) == 0.0:
         return balance(energies[:, 0], energies[:, 1], nothing)
     terms: Any = power_of_state
     if power_needs_multipliers(dynamics, float(t[0]), q[0], v[0]):

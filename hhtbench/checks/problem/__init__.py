@@ -56,7 +56,9 @@ def _rows_of_dynamics(problem: Problem, shapes: Survey) -> list[Row]:
     dynamics = outcome.value
     s = dynamics.structure
     sizes, scales = sizes_of(problem, s.m, s.p)
-    references = References(derive(*place, ignored=tuple(DERIVATIVES)), _packed_sizes(sizes))
+    references = References(
+        derive(*place, ignored=tuple(DERIVATIVES)), np.concatenate([[sizes.t], sizes.q, sizes.v, sizes.lam, sizes.mu])
+    )
     states = _states(problem, s, sizes)
     finite, samples = _samples(dynamics, references, states)
     rows = [finite]
@@ -66,7 +68,7 @@ def _rows_of_dynamics(problem: Problem, shapes: Survey) -> list[Row]:
         rows.append(not_measured(*BLOCKED[0], str(finite.measured)))
     wrong = shapes.untrusted + _wrong_derivatives(rows)
     trusted = derive(*place, ignored=wrong) if wrong else dynamics
-    start = examine(trusted, problem, sizes) if finite.passed else _unknown(s, str(finite.measured))
+    start = examine(trusted, problem, sizes) if finite.passed else Start(s, None, None, None, None, str(finite.measured))
     rows += mass_rows(trusted, states, start)
     rows += [
         *consistency_rows(start, problem),
@@ -82,14 +84,6 @@ BLOCKED = (  # rows that stand for what cannot be measured at all
     ("kkt", "the KKT matrix is regular", "regular"),
     ("index", "the differential index is defined", "0, 2 or 3"),
 )
-
-
-def _unknown(s: Structure, fault: str) -> Start:
-    return Start(s.n, s.m, s.p, None, None, None, None, fault)
-
-
-def _packed_sizes(sizes: Sizes) -> Vector:
-    return np.concatenate([[sizes.t], sizes.q, sizes.v, sizes.lam, sizes.mu])
 
 
 def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[Probe]:

@@ -20,12 +20,12 @@ from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.checks.problem.scales import Sizes
 from hhtbench.lowering import (
     CONSISTENT,
-    AccelerationLevel,
     ConstraintLevels,
     Dynamics,
     compile_function,
 )
 from hhtbench.lowering.dynamics.differences import derivative_along
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Row
 from hhtbench.protocol.system import Problem, declared

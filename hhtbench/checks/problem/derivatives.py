@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
-from hhtbench.checks.problem.deviation import USABLE, Derivative, Worst, by_differences, of_one_size, worse
+from hhtbench.checks.problem.deviation import USABLE, Derivative, by_differences, deviation, of_one_size
 from hhtbench.checks.problem.reference import Probe, Reference, References, part_rows, parts_of, split
 from hhtbench.checks.problem.rows import attempt, not_measured
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
@@ -169,31 +170,31 @@ def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sa
 
 def _row(name: str, claim: str, limit: float, references: References, samples: list[Sample]) -> Row:
     derivative, row_id = DERIVED[name], f"derivative/{name}"
-    difference, exact, bound = Worst(), Worst(), f"{limit:.0e} by differences"
+    difference, exact, bound = (0.0, ""), (0.0, ""), f"{limit:.0e} by differences"
     floor, judged = _difference_floor(name, references), False
     expected = of_one_size([by_differences(derivative, references, x.reference, x.state) for x in samples])
     for sample, roughly in zip(samples, expected, strict=True):
         given, automatic = sample.given[name], sample.automatic.get(name, "")
         if isinstance(given, str):
             return Row(id=row_id, claim=claim, measured=f"{given} ({sample.label})", bound=bound, passed=False)
-        difference = worse(difference, given, roughly, floor, sample.label)
+        difference = max(difference, deviation(given, roughly, floor, sample.label), key=itemgetter(0))
         if isinstance(automatic, str):
             continue
-        if worse(Worst(), automatic, roughly, floor, "").size <= FIRST_ORDER_BOUND:  # beside a kink it need not agree
+        if deviation(automatic, roughly, floor, "")[0] <= FIRST_ORDER_BOUND:  # beside a kink it need not agree
             exactly, judged = replace(roughly, matrix=automatic, error=0.0), True
-            exact = worse(exact, given, exactly, EXACT_FLOOR, sample.label)
-    good = difference.size <= limit and exact.size <= EXACT_BOUND
+            exact = max(exact, deviation(given, exactly, EXACT_FLOOR, sample.label), key=itemgetter(0))
+    good = difference[0] <= limit and exact[0] <= EXACT_BOUND
     blur, where = max((one.blur, sample.label) for one, sample in zip(expected, samples, strict=True))
     if good and not judged and blur > USABLE:
         return _unjudged(name, claim, bound, references, where)
     bound += f" beside their own error of {blur:.0e}" if blur > limit else ""
     bound += f", {EXACT_BOUND:.0e} by automatic differentiation" if judged else ""
-    measured = f"{difference.size:.1e} by differences"
-    measured += f", {exact.size:.1e} by automatic differentiation" if judged else ""
-    if difference.size > limit:
-        measured = f"{difference.size:.1e} by differences ({difference.text})"
+    measured = f"{difference[0]:.1e} by differences"
+    measured += f", {exact[0]:.1e} by automatic differentiation" if judged else ""
+    if difference[0] > limit:
+        measured = f"{difference[0]:.1e} by differences ({difference[1]})"
     elif not good:
-        measured = f"{exact.size:.1e} by automatic differentiation ({exact.text})"
+        measured = f"{exact[0]:.1e} by automatic differentiation ({exact[1]})"
     return Row(id=row_id, claim=claim, measured=measured, bound=bound, passed=good)
 
 

@@ -28,14 +28,6 @@ class Derivative:
 
 
 @dataclass(frozen=True)
-class Worst:
-    """The largest deviation found: relative size and a text that names the entry."""
-
-    size: float = 0.0
-    text: str = ""
-
-
-@dataclass(frozen=True)
 class Expected:
     """A derivative by a reference, and what its rows are measured by."""
 
@@ -81,17 +73,16 @@ def _largest(matrix: Matrix) -> Matrix:
     return np.asarray(np.fmax.reduce(np.abs(matrix), axis=1, keepdims=True, initial=0.0), dtype=np.float64)
 
 
-def worse(worst: Worst, given: Matrix, expected: Expected, floor: float, label: str) -> Worst:
-    """``worst`` or, where it is larger, the largest deviation of ``given`` relative to the size of its row."""
-    matrix = expected.matrix
-    size = expected.row_size + floor * expected.terms
+def deviation(given: Matrix, expected: Expected, floor: float, label: str) -> tuple[float, str]:
+    """The largest deviation of ``given`` relative to the size of its row, and a text that names the entry."""
+    matrix, size = expected.matrix, expected.row_size + floor * expected.terms
     with np.errstate(invalid="ignore", divide="ignore"):
         change = np.maximum(np.abs(given - matrix) - OWN_ERROR * expected.error, 0.0) * expected.scale
         relative = np.where(change == 0, 0.0, change / size)
     relative = np.where(np.isfinite(given) & np.isinf(expected.error), 0.0, relative)  # there are no differences
     relative = np.where(np.isnan(relative), np.inf, relative)
-    if relative.size == 0 or relative.max() <= worst.size:
-        return worst
+    if not relative.any():
+        return 0.0, ""
     i, j = np.unravel_index(np.argmax(relative), relative.shape)
     entry = f"row {i}, column {j}, {label}: given {given[i, j]:.10g}, expected {matrix[i, j]:.10g}"
-    return Worst(float(relative[i, j]), entry)
+    return float(relative[i, j]), entry

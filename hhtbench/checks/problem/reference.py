@@ -16,7 +16,7 @@ import numpy as np
 from scipy.differentiate import jacobian
 
 from hhtbench.lowering import Dynamics, Structure, compile_function, route_of
-from hhtbench.lowering.dynamics.differences import derivative_along
+from hhtbench.lowering.dynamics.differences import EPS, STEP, derivative_along
 from hhtbench.lowering.dynamics.dynamics import evaluate
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.system import declared
@@ -122,12 +122,25 @@ class References:
             found = [np.asarray(self._values(point.copy(), state.x)) for point in points]
             return np.stack(found, axis=-1).reshape(-1, *x.shape[1:])
 
-        near = values(FIRST_STEP * np.hstack([np.eye(state.z.size), -np.eye(state.z.size), 0.0 * state.z[:, None]]))
-        forward, backward, at = np.split(near, [state.z.size, 2 * state.z.size], axis=1)
-        size = np.abs(at) + np.fmax.reduce(np.abs(forward - backward), axis=1, keepdims=True) / FIRST_STEP
+        move = FIRST_STEP * np.eye(state.z.size)
+        forward, backward, at = np.split(
+            values(np.hstack([move, -move, 0.0 * move[:, :1]])), [len(move), 2 * len(move)], axis=1
+        )
+        slope = np.abs(forward - backward) / (2.0 * FIRST_STEP)
+        size = np.abs(at) + np.fmax.reduce(slope, axis=1, keepdims=True)
         size = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
         options: Any = {"initial_step": FIRST_STEP, "maxiter": HALVINGS, "tolerances": {"rtol": AGREE[0], "atol": AGREE[1]}}
         with np.errstate(all="ignore"):
             found = jacobian(lambda x: values(x) / size.reshape(-1, *[1] * (x.ndim - 1)), 0.0 * state.z, order=4, **options)
-        unit = size / self.scales
-        return found.df * unit, np.where(np.isfinite(found.error), found.error, np.inf) * unit  # inf: not defined there
+            error = np.maximum(found.error * size, self._noise(state, at, slope) / FIRST_STEP * 2.0**found.nit)
+        unit = 1.0 / self.scales
+        return found.df * size * unit, np.where(np.isfinite(error), error, np.inf) * unit  # inf: it is not defined there
+
+    def _noise(self, state: Probe, value: Matrix, slope: Matrix) -> Matrix:
+        """Roundoff of every row, (rows, 1): of its ``value`` and of z, whose digits may cancel in it."""
+        terms = slope * np.maximum(np.abs(state.z) / self.scales, 1.0)
+        noise = EPS * (np.abs(value) + np.fmax.reduce(terms, axis=1, keepdims=True))
+        if self.from_differences and "constraint" in self.names:  # the velocity level is itself a difference
+            parts = self._split(self.names, noise)
+            np.maximum(parts["constraint_velocity"], parts["constraint"] / STEP[4], out=parts["constraint_velocity"])
+        return noise

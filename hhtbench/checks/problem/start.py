@@ -13,17 +13,18 @@ from hhtbench.checks.problem.scales import Sizes
 from hhtbench.lowering import (
     CONSISTENT,
     SYMMETRIC,
-    AccelerationLevel,
     ConstraintLevels,
-    ConstraintRank,
     Dynamics,
     Levels,
     Misfit,
+    Structure,
     asymmetry,
     mass_is_singular,
     reduce_redundant,
 )
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.kkt_rows import Acceleration
+from hhtbench.lowering.dynamics.rank import ConstraintRank
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Row
 from hhtbench.protocol.system import Problem
@@ -37,9 +38,7 @@ MAX_NAMED = 6  # offending rows in one text
 class Start:
     """What is known at the start; each None where it could not be computed."""
 
-    n: int
-    m: int
-    p: int
+    s: Structure
     levels: Levels | None
     rank: ConstraintRank | None
     found: Acceleration | None
@@ -65,7 +64,7 @@ def examine(dynamics: Dynamics, problem: Problem, sizes: Sizes) -> Start:
     if found is not None and not regular and rank.value is not None and rank.value.redundant:
         reduced = reduce_redundant(dynamics, rank.value.redundant)
         regular = reduced is not None and not AccelerationLevel(reduced).solve(t, q, v).singular
-    return Start(s.n, s.m, s.p, levels.value, rank.value, found, imbalance, fault, regular)
+    return Start(s, levels.value, rank.value, found, imbalance, fault, regular)
 
 
 def _packed(found: Acceleration) -> Vector:
@@ -140,9 +139,9 @@ def _smallest_eigenvalue(mass: Matrix) -> float:
 def consistency_rows(start: Start, problem: Problem) -> list[Row]:
     """The start satisfies the constraints at all three levels; the first two as the solvers judge them."""
     levels = {}
-    if start.m:
+    if start.s.m:
         levels["start/position"] = "the start satisfies the position constraints", "coordinate"
-    if start.m + start.p:
+    if start.s.constrained:
         levels["start/velocity"] = "the start's velocities satisfy the constraints", "velocity"
     rows = []
     found = None if start.levels is None else start.levels.misfits(problem.q0, problem.v0)
@@ -166,13 +165,13 @@ def _level_row(row_id: str, claim: str, bound: str, misfits: list[Misfit]) -> Ro
 
 
 def _acceleration_row(start: Start) -> Row:
-    claim = "accelerations and multipliers exist at the start" if start.m + start.p else "accelerations exist at the start"
+    claim = "accelerations and multipliers exist at the start" if start.s.constrained else "accelerations exist at the start"
     bound = f"{CONSISTENT:.0e} of each row's terms"
     if start.imbalance is None or start.found is None:
         return not_measured("start/acceleration", claim, bound, start.fault)
-    n, m = start.n, start.m
-    labels = [f"(M vdot - F - Q)[{i}]" for i in range(n)]
-    labels += [f"d2g/dt2[{i}]" for i in range(m)] + [f"dk/dt[{i}]" for i in range(start.p)]
+    s = start.s
+    labels = [f"(M vdot - F - Q)[{i}]" for i in range(s.n)]
+    labels += [f"d2g/dt2[{i}]" for i in range(s.m)] + [f"dk/dt[{i}]" for i in range(s.p)]
     misfits = [Misfit(name, size, size) for name, size in zip(labels, start.imbalance, strict=True)]
     row = _level_row("start/acceleration", claim, bound, misfits)
     if row.passed and start.found.singular:
@@ -183,8 +182,11 @@ def _acceleration_row(start: Start) -> Row:
 def regularity_rows(start: Start, redundant: bool) -> list[Row]:
     """Rank of the constraints, regularity of the KKT matrix, index; ``redundant``: the problem says that rows depend."""
     rows, claim = [], "the mass matrix is regular"
-    if start.m + start.p:
-        claim, bound = "the rows of the constraint Jacobian [g_q; k_v] are independent", f"rank {start.m + start.p}"
+    if start.s.constrained:
+        claim, bound = (
+            "the rows of the constraint Jacobian [g_q; k_v] are independent",
+            f"rank {start.s.m + start.s.p}",
+        )
         if redundant:
             claim, bound = "rows of the constraint Jacobian depend on others, as the tag redundant says", "dependent rows"
         if start.rank is None:
@@ -205,12 +207,12 @@ def regularity_rows(start: Start, redundant: bool) -> list[Row]:
 
 def _names(start: Start) -> str:
     assert start.rank is not None  # noqa: S101 - for the type checker
-    return ", ".join(f"g[{i}]" if i < start.m else f"k[{i - start.m}]" for i in start.rank.redundant)
+    return ", ".join(f"g[{i}]" if i < start.s.m else f"k[{i - start.s.m}]" for i in start.rank.redundant)
 
 
 def _index_row(start: Start, redundant: bool) -> Row:
     claim = "the differential index is defined"
-    if start.found is None or (start.rank is None and start.m + start.p):
+    if start.found is None or (start.rank is None and start.s.constrained):
         return not_measured("index", claim, "0, 2 or 3", start.fault)
     reason = ""
     if redundant and start.regular:
@@ -218,6 +220,6 @@ def _index_row(start: Start, redundant: bool) -> Row:
     elif start.rank is not None and start.rank.rank < start.rank.rows:
         reason = f"redundant rows {_names(start)}"
     elif start.found.singular:
-        reason = "the KKT matrix is singular" if start.m + start.p else "the mass matrix is singular"
-    index = "3 (position constraints)" if start.m else "2 (velocity constraints only)" if start.p else "0 (an ODE)"
+        reason = "the KKT matrix is singular" if start.s.constrained else "the mass matrix is singular"
+    index = "3 (position constraints)" if start.s.m else "2 (velocity constraints only)" if start.s.p else "0 (an ODE)"
     return yes_or_fault("index", claim, reason and f"not defined ({reason})", index, "0, 2 or 3")

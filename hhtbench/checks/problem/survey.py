@@ -80,7 +80,8 @@ def _row(problem: Problem, name: str, sizes: dict[str, int | None]) -> Row:
         return not_measured(row_id, claim, bound, f"the number of {missing[0]} is not known, their function is faulty")
     if name == "mass_matrix" and not callable(declared(problem.system, name)):
         claim = f"mass_matrix is a scalar, (n,) or {bound}"
-        outcome = attempt(lambda: _field_fault(declared(problem.system, name), sizes["n"] or 0))
+        n = sizes["n"]
+        outcome = attempt(lambda: _array_fault(np.asarray(declared(problem.system, name)), (), (n,), (n, n)))
     elif not callable(declared(problem.system, name)):
         return yes_or_fault(row_id, claim, "no such function is declared", "", bound)
     else:
@@ -134,34 +135,22 @@ def _fault(name: str, result: Any, signature: Signature, sizes: dict[str, int | 
             return f"got {type(result).__name__}"
         return next((f"{key}: {fault}" for key, value in result.items() if (fault := _array_fault(value, ()))), "")
     shapes = [tuple(sizes[x] for x in letters) for letters in signature.results]
-    if name == "mass_matrix" and np.shape(result) == (sizes["n"],):
-        shapes = [(sizes["n"],)]
     if len(shapes) == 1:
-        free = name in ("constraint", "velocity_constraint")  # their length is theirs to choose
-        return _array_fault(result, None if free else shapes[0])
+        return _array_fault(result, shapes[0], *([(sizes["n"],)] if name == "mass_matrix" else []))
     if not isinstance(result, (tuple, list)) or len(result) != len(shapes):
         return f"got {type(result).__name__}"
     faults = [_array_fault(value, shape) for value, shape in zip(result, shapes, strict=True) if value is not None]
     return next(filter(None, faults), "")
 
 
-def _array_fault(value: Any, shape: tuple[int | None, ...] | None) -> str:
-    """``shape`` None: any vector."""
-    if isinstance(value, jax.ShapeDtypeStruct):
-        if value.dtype.kind not in "fiu":
-            return f"got dtype {value.dtype}"
-        given: tuple[int, ...] = value.shape
-    elif value is None:
+def _array_fault(value: Any, *shapes: tuple[int | None, ...]) -> str:
+    """What is wrong with a ``value`` that must be real and of one of the ``shapes``."""
+    if value is None:
         return "got None"
-    else:
-        given = real_values("the result", value).shape
-    fits = len(given) == 1 if shape is None else given == shape
-    return "" if fits else f"got shape {given}"
-
-
-def _field_fault(mass: Any, n: int) -> str:
-    array = real_values("mass_matrix", np.asarray(mass))
-    return "" if array.shape in ((), (n,), (n, n)) else f"got shape {array.shape}"
+    if isinstance(value, jax.ShapeDtypeStruct) and value.dtype.kind not in "fiu":
+        return f"got dtype {value.dtype}"
+    given = value.shape if isinstance(value, jax.ShapeDtypeStruct) else real_values("the result", value).shape
+    return "" if given in shapes else f"got shape {given}"
 
 
 def _pattern_fault(sparsity: Any, sizes: dict[str, int | None]) -> str:

@@ -18,20 +18,19 @@ PLACES = 4  # in every step of the integration here, its end included, at which 
 
 def allowed_errors(problem: Problem, request: Request, equations: Equations, size: Vector) -> Vector:
     """The largest errors of y (2n,) that the tolerances allow of a step, or the first of the prescribed steps make."""
-    if not request.fixed:
-        return by_tolerance(request, size)
+    if request.fixed:
+        return _of_first_steps(problem, request, equations, size)
+    if request.rtol is None and request.atol is None:
+        raise NotJudged("neither tolerances nor steps were asked for")
+    rtol = np.maximum(np.resize(0.0 if request.rtol is None else request.rtol, size.size), FINEST)
+    return rtol * size + (rtol * size if request.atol is None else np.resize(request.atol, size.size))
+
+
+def _of_first_steps(problem: Problem, request: Request, equations: Equations, size: Vector) -> Vector:
     t, start = problem.t_span[0], np.concatenate([problem.q0, problem.v0])
     equations.begin(MAX_EVALUATIONS, (problem.lam_guess, problem.mu_guess))
     flow = Flow(equations, t, start, problem.t_span[1], RESOLVED, size)
     return Missed(flow, (t, problem.t_span[1]), problem, request, size).so_far
-
-
-def by_tolerance(request: Request, size: Vector) -> Vector:
-    """The largest errors of y (2n,) that the tolerances allow of a step, at states of the given ``size`` (2n,)."""
-    if request.rtol is None and request.atol is None:
-        raise NotJudged("neither tolerances nor steps were asked for")
-    rtol = np.maximum(_spread(0.0 if request.rtol is None else request.rtol, size), FINEST)
-    return rtol * size + (rtol * size if request.atol is None else _spread(request.atol, size))
 
 
 class Missed:
@@ -89,8 +88,3 @@ class Missed:
             return
         before, at, after = (self._flow.at(middle + part * self._half) for part in (-1, 0, 1))
         self.so_far = np.maximum(self.so_far, self._longer * np.abs(before - 2 * at + after))
-
-
-def _spread(tolerance: float | Vector, size: Vector) -> Vector:
-    """One number, one per coordinate or one per component of y, as (2n,)."""
-    return np.resize(np.asarray(tolerance, dtype=np.float64), size.size)

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
 from hhtbench.checks.result.flow import Equations, Flow, NotJudged
+from hhtbench.checks.result.levels import declared_sizes
 from hhtbench.checks.result.success import SAME_TIME
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.system import Problem
@@ -127,9 +128,8 @@ def _disagreement(
     problem: Problem, equations: Equations, ways: tuple[Vector, Matrix, Vector], allowed: float
 ) -> tuple[str, float]:
     """As a sentence, and the distance from the row."""
-    n, scales = problem.q0.size, problem.scales
+    n, size = problem.q0.size, np.concatenate(declared_sizes(problem))
     rows, states, without_event = ways
-    size = np.concatenate([np.broadcast_to(np.asarray(x, dtype=np.float64), (n,)) for x in (scales.q, scales.v)])
     index, sign = np.arange(PLACES), np.sign(rows[-1] - rows[0])
     t = rows[0] + (rows[-1] - rows[0]) * (index + index * GOLDEN % 1.0) / PLACES
     way = np.searchsorted(sign * rows, sign * t, "right") - 1
@@ -170,7 +170,8 @@ def _ways(problem: Problem, solution: Solution, equations: Equations) -> tuple[V
     elif solution.t[0] != problem.t_span[0]:
         t, q, v = [np.array(problem.t_span[:1]), *t], [problem.q0[None], *q], [problem.v0[None], *v]
     times, y = np.concatenate(t), np.hstack([np.concatenate(q), np.concatenate(v)])
-    sign, span = np.sign(problem.t_span[1] - problem.t_span[0]), abs(problem.t_span[1] - problem.t_span[0])
+    ahead = problem.t_span[1] - problem.t_span[0]
+    sign, span = np.sign(ahead), abs(ahead)
     _, first = np.unique(sign * times, return_index=True)
     times, y = times[first], y[first]
     kept = sign * times <= sign * solution.t[-1]

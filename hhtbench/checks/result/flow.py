@@ -15,7 +15,8 @@ from scipy.linalg import lapack
 
 from hhtbench.checks.independent import independent
 from hhtbench.checks.jumps import find_jumps
-from hhtbench.lowering import AccelerationLevel, ConstraintLevels, derive
+from hhtbench.lowering import ConstraintLevels, derive
+from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.protocol.arguments import Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.system import Problem

@@ -16,10 +16,11 @@ from hhtbench.checks.jumps import Jumps
 from hhtbench.checks.result.allowed import allowed_errors
 from hhtbench.checks.result.between import bends, stand_out
 from hhtbench.checks.result.flow import Equations, NotJudged
-from hhtbench.checks.result.levels import CHECKED_ROWS, sizes_of, spread, unknown_without_reason, violated
+from hhtbench.checks.result.levels import CHECKED_ROWS, sizes_of, spread, violated
 from hhtbench.checks.result.motion import Follower, Multipliers, Rows, Window
 from hhtbench.checks.result.reactions import Row, rows_of, wrong_reactions
 from hhtbench.checks.result.success import SAME_TIME, doubt_about, wrong_columns
+from hhtbench.checks.result.unknown import unknown_without_reason
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.request import Request

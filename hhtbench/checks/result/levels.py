@@ -1,4 +1,4 @@
-"""Are the rows on the constraints, and do these lose rank where multipliers are nan?
+"""Are the rows on the constraints?
 
 How far rows are off is measured by the bench; here only whether it can be believed.
 """
@@ -17,16 +17,12 @@ from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
-from hhtbench.solution.result import Solution
 
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
 DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval
 CHECKED_ROWS = 200  # the last one included: more would cost more than the steps
 SLOW_ROWS = 3  # of systems without machine code, where a row costs as much as a residual
 NUMBERS = 40_000  # of the constraint levels of all rows that are checked by machine code: a fraction of a millisecond
-LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known
-ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints are always below
-ELSEWHERE = 20  # rows that show what singular values are elsewhere
 BESIDE = 1e-3  # of the largest component: solvers measure the errors of small ones by what is beside them
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
@@ -159,44 +155,3 @@ def _moving(rows: Matrix, declared: Vector) -> Vector:
     """The largest of ``rows`` (k, n) or the ``declared`` sizes, (n,)."""
     size = np.maximum(np.maximum.reduce(np.abs(rows), axis=0), declared)
     return np.maximum(size, BESIDE * np.maximum.reduce(size))
-
-
-def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | None = None) -> str:
-    """Which row has nan for a multiplier although no constraint there depends on others; "" where none has.
-
-    Compared are singular values of [g_q; k_v], with columns of typical velocities and rows over their largest size in the
-    run, with the largest of the same order at a few rows and at the start, until the time of ``clock`` is over.
-    """
-    unknown = np.flatnonzero(solution.unknown)
-    if not unknown.size:
-        return ""
-    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0), full=True)
-    size = sizes_of(problem, solution.q, solution.v)[levels.structure.n :]
-
-    def rows_at(i: int) -> Matrix:
-        return np.asarray(levels.at(float(solution.t[i]), solution.q[i], solution.v[i]).rows * size)
-
-    try:
-        start = levels.at(problem.t_span[0], problem.q0, problem.v0).rows * size
-        places = [start, *map(rows_at, np.linspace(0, solution.t.size - 1, ELSEWHERE).round().astype(int).tolist())]
-        largest = np.max([np.max(np.abs(rows), axis=1) for rows in places], axis=0)[:, None]
-        over = np.where(largest > 0.0, largest, 1.0)
-        elsewhere = np.max([_singular_values(rows / over) for rows in places], axis=0)
-        some = elsewhere > ALWAYS * elsewhere[0]
-        for i in unknown[spread(unknown.size)].tolist():
-            if clock is not None and clock.left() < 0.0:
-                return ""
-            least = float(np.min(_singular_values(rows_at(i) / over)[some] / elsewhere[some]))
-            if least > LOST:
-                return (
-                    f"finiteness: multipliers are nan in row {i} of {solution.t.size}, where constraints keep their rank: "
-                    f"every singular value is at least {least:.2g} of what it is elsewhere; below {LOST:g} is believed."
-                )
-    except NonFiniteValue as error:
-        return f"constraints: {error}."
-    return ""
-
-
-def _singular_values(rows: Matrix) -> Vector:
-    """In falling order."""
-    return np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=np.float64)

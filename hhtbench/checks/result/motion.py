@@ -56,13 +56,11 @@ class Window:
 
     start: float  #: [s]
     at: float  #: where the largest error is [s]
-    off: float  #: the largest error
-    bound: float  #: what it may be
-    seen: float  #: the largest error of a straight line from the first row
-    blind: float | None  #: error over that of the straight line, where the motion has left that by ``LEFT``; None: nowhere
-    unfinished: str = (
-        ""  #: why it ends where it does, if not at the last row or because the motion has left the straight line
-    )
+    off: float = 0.0  #: the largest error
+    bound: float = BOUND  #: what it may be
+    seen: float = 0.0  #: the largest error of a straight line from the first row
+    blind: float | None = None  #: error over the straight line's, where the motion has left that by ``LEFT``; None: nowhere
+    unfinished: str = ""  #: why it ends before the last row although the motion has not left the straight line
 
     @property
     def failed(self) -> bool:
@@ -92,7 +90,7 @@ class Follower:
         try:
             motion, allowed_until = self._begin(float(t[0]), y[0])
         except NotJudged as reason:
-            return Window(float(t[0]), float(t[0]), off=0.0, bound=BOUND, seen=0.0, blind=None, unfinished=str(reason))
+            return Window(float(t[0]), float(t[0]), unfinished=str(reason))
         line = y[0] + (t - t[0])[:, None] * np.concatenate([rows.v[0], 0.0 * rows.v[0]])
         limits: list[Vector] = []
 
@@ -102,7 +100,7 @@ class Follower:
 
         states, why = _along(motion, t, left_line)
         if not limits:
-            return Window(float(t[0]), float(t[0]), off=0.0, bound=BOUND, seen=0.0, blind=None, unfinished=why)
+            return Window(float(t[0]), float(t[0]), unfinished=why)
         states, allowed = states[: len(limits)], np.array(limits)
         bound = self._bound(allowed[-1])
         window = self._window(t, y, states, line, bound, allowed, why)
@@ -143,16 +141,16 @@ class Follower:
             return self.allowed
         end = max(self.problem.t_span, key=lambda end: abs(end - t))
         self.equations.begin(MAX_EVALUATIONS)
-        motion = Flow(self.equations, t, y, end, ACCURACY * float(np.min(self.allowed / self.size)), self.size)
+        motion = self._flow(t, y, self.allowed, end)
         return np.maximum(self.allowed, Missed(motion, (t, end), self.problem, self.request, self.size).so_far)
 
     def _bound(self, allowed: Vector) -> float:
         """How often an ``allowed`` error (2n,) rows may be off."""
         return float(np.clip(BELIEVABLE / np.max(allowed / self.size), LEAST, BOUND))
 
-    def _flow(self, t: float, y: Vector, allowed: Vector) -> Flow:
-        rtol = ACCURACY * float(np.min(allowed / self.size))
-        return Flow(self.equations, t, y, self.problem.t_span[1], rtol, self.size)
+    def _flow(self, t: float, y: Vector, allowed: Vector, end: float | None = None) -> Flow:
+        end, rtol = self.problem.t_span[1] if end is None else end, ACCURACY * float(np.min(allowed / self.size))
+        return Flow(self.equations, t, y, end, rtol, self.size)
 
     def _window(
         self, t: Vector, y: Matrix, states: Matrix, line: Matrix, bound: float, allowed: Matrix | Vector, why: str

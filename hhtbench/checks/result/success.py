@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.checks.result.levels import sizes_of, unknown_without_reason, violated
+from hhtbench.checks.result.levels import Rows, sizes_of, violated
 from hhtbench.lowering import CONSISTENT, ConstraintLevels, derive
-from hhtbench.protocol.arguments import Matrix, Vector, all_finite
+from hhtbench.protocol.arguments import Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock
@@ -23,14 +23,10 @@ from hhtbench.solution.result import Counters, Ends, Solution, Status
 
 SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
 SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
-ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
 REPORTED = 0.9  # of the steps that are counted: so many ends at least
 COUNTED = tuple(field.name for field in fields(Counters) if field.name != "provenance")
 EMPTY = np.zeros(0)
-FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
 MOVED = 0.1  # of the typical size: by that much the start leads away over the interval, to first order
-
-Motion = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 
 
 def check_success(problem: Problem, request: Request, solution: Any, clock: Clock | None = None) -> str:
@@ -43,6 +39,8 @@ def check_success(problem: Problem, request: Request, solution: Any, clock: Cloc
         return doubt
     doubt = wrong_columns(problem, solution) or _moved_start(problem, request, solution)
     if not doubt and not (all_finite(solution.lam) and all_finite(solution.mu)):
+        from hhtbench.checks.result.unknown import unknown_without_reason  # few results have unknown multipliers
+
         doubt = unknown_without_reason(problem, solution, clock)
     doubt = doubt or violated(problem, request, (solution.t, solution.q, solution.v), clock=clock)
     return doubt or (_rests(problem, solution) if solution.q[0].tobytes() == solution.q[-1].tobytes() else "")
@@ -115,32 +113,6 @@ def _ends(problem: Problem, request: Request, solution: Solution) -> str:
     return found or _start(problem, request, (ends.t, ends.q, ends.v))
 
 
-def impossible_work(counters: Counters, seconds: float) -> str:
-    """Which counter is more than could be done in so many ``seconds`` of wall time; "" if none."""
-    for field in fields(Counters):
-        value = getattr(counters, field.name)
-        if isinstance(value, (int, np.integer)) and value * FASTEST > seconds:
-            return f"counters: {value:.3g} {field.name} within {seconds:.2g} s are more than a computer can do."
-    return ""
-
-
-def ends_elsewhere(problem: Problem, request: Request, first: Solution, again: Solution) -> str:
-    """How far apart two solves end that were asked for the same; "" where that can be believed."""
-    if not (first.t.size and again.t.size and first.t[-1] == again.t[-1]):
-        return ""
-    rtol = 0.0 if request.rtol is None else float(np.max(request.rtol))
-    allowed = min(ANOTHER, GLOBAL * rtol) if rtol > 0.0 else ANOTHER
-    for name in ("q", "v"):
-        one, other = getattr(first, name), getattr(again, name)[-1]
-        size = max(float(np.max(np.abs(one))), float(np.max(getattr(problem.scales, name))))
-        off = float(np.max(np.abs(one[-1] - other)))
-        if off > allowed * size:
-            return (
-                f"repetition: solved again with its last row only, it ends with {name} off by {off / size:.2g} of its size."
-            )
-    return ""
-
-
 def _shapes(problem: Problem, solution: Solution) -> str:
     for name in ("t", "q", "v", "lam", "mu"):
         value = getattr(solution, name)
@@ -208,7 +180,7 @@ def _output_times(problem: Problem, request: Request, t: Vector, complete: bool)
     return f"output times: row {i} was asked for at {asked[i]:.17g} and given at {t[i]:.17g}."
 
 
-def _start(problem: Problem, request: Request, motion: Motion) -> str:
+def _start(problem: Problem, request: Request, motion: Rows) -> str:
     if not motion[0].size or motion[0][0] != problem.t_span[0] or request.calc_initcond:
         return ""
     for name, rows, first in (("q", motion[1], problem.q0), ("v", motion[2], problem.v0)):
@@ -256,7 +228,7 @@ def _rests(problem: Problem, solution: Solution) -> str:
     t, q, v = solution.t, solution.q, solution.v
     if t[0] == t[-1] or not (np.all(q == q[0]) and np.all(v == v[0])):
         return ""
-    from hhtbench.lowering import AccelerationLevel  # hardly a result rests
+    from hhtbench.lowering.dynamics.kkt import AccelerationLevel  # hardly a result rests
 
     rates, size = [v[0]], np.split(sizes_of(problem, q, v), 2)
     dynamics = derive(problem.system, float(t[0]), q[0], v[0])

@@ -15,12 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
+from hhtbench.lowering.dynamics.band_mass import BandInverse, Entries, entries_at
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.dynamics import Dynamics, arguments_of, as_declared, innermost
 from hhtbench.lowering.dynamics.foreign import FUNCTIONS, SIZES, Called, foreign_p
-from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at
+from hhtbench.lowering.dynamics.mass import Diagonal, Sparse, compact
 from hhtbench.lowering.dynamics.patterns import Dependencies, Patterns, complete, patterns_of
-from hhtbench.lowering.dynamics.regular import AugmentedDynamics
 from hhtbench.protocol.system import declared
 
 VALUES = (  # functions by the letter of their size

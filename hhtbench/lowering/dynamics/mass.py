@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import numpy as np
 import scipy.sparse as sp
-from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
-from scipy.sparse.csgraph import reverse_cuthill_mckee
-from scipy.sparse.linalg import LinearOperator, norm, onenormest
 
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.compiling import compile_function
 from hhtbench.protocol.arguments import Matrix, Vector
+
+if TYPE_CHECKING:
+    from hhtbench.lowering.dynamics.band_mass import BandInverse
 
 SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
@@ -84,95 +84,12 @@ class Sparse(eqx.Module):
 
     def inverse(self) -> BandInverse | None:
         """The inverse; None where the matrix is not symmetric, not positive definite, singular or no narrow band."""
-        matrix, n = self.entries(), self.shape[0]
-        size = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
-        if not (size > 0.0).all():
-            return None
-        scale = sp.diags_array(1.0 / size)
-        unit = (scale @ matrix @ scale).tocsr()
-        order = reverse_cuthill_mckee(unit, symmetric_mode=True)
-        ordered = unit[order][:, order].tocoo()
-        width = int(np.abs(ordered.row - ordered.col).max())
-        if width > BROAD * n or abs(unit - unit.T).max() > SYMMETRIC:
-            return None
-        band, below = np.zeros((width + 1, n)), ordered.row >= ordered.col
-        band[(ordered.row - ordered.col)[below], ordered.col[below]] = ordered.data[below]
-        try:
-            lower = cholesky_banded(band, lower=True)
-        except LinAlgError:
-            return None
-        solve = lambda x: cho_solve_banded((lower, True), np.ravel(x))  # noqa: E731
-        if norm(unit, 1) * onenormest(LinearOperator((n, n), matvec=solve, rmatvec=solve)) > SINGULAR:
-            return None
-        factors = np.zeros((n, width + 1))  # row by row, of the matrix before it was scaled
-        for k in range(width + 1):
-            factors[k:, width - k] = lower[k, : n - k] * size[order][k:]
-        factors[:, width] = 1.0 / factors[:, width]
-        return BandInverse(factors, np.asarray(order, dtype=np.int32))
+        from hhtbench.lowering.dynamics.band_mass import band_inverse  # few masses are sparse
+
+        return band_inverse(self)
 
 
-class BandInverse(eqx.Module):
-    """The inverse of a band matrix; multiplies like it."""
-
-    factors: Any  #: as :func:`~hhtbench.lowering.compile.banded.solve_banded` takes them
-    order: Any  #: (n,) the coordinate in each place of the band
-
-    def __matmul__(self, x: Any) -> Any:
-        """The product with a vector (n,)."""
-        from hhtbench.lowering.compile.banded import solve_banded  # few masses are bands
-
-        return solve_banded(self.factors, x[self.order])[np.argsort(self.order)]
-
-
-class Entries(eqx.Module):
-    """Where entries of a symmetric matrix (n, n) can differ from zero, and where they stand in a band."""
-
-    columns: Any  #: (n, k) of every row, as in :class:`Sparse`
-    filled: Any  #: (n, k) False for the entries that repeat the last
-    order: Any  #: (n,) the coordinate in each place of the band
-    #: (n, w + 1) in the flattened values, n k for none: rows as :func:`.compile.banded.factor_banded` takes them
-    places: Any
-
-    @property
-    def pattern(self) -> Any:
-        """Rows and columns (2, entries), row by row."""
-        rows = np.broadcast_to(np.arange(len(self.columns))[:, None], self.columns.shape)
-        return np.stack([rows[self.filled], self.columns[self.filled]]).astype(np.int32)
-
-    def of(self, matrix: Any, xp: Any) -> Sparse:
-        """The entries of ``matrix`` (n, n)."""
-        rows = np.arange(len(self.columns))[:, None]
-        return Sparse(xp.where(self.filled, matrix[rows, self.columns], 0.0), self.columns)
-
-    def inverse(self, matrix: Sparse, xp: Any) -> BandInverse:
-        """Of a ``matrix`` with these entries, NaN where it is not positive definite; pure array code."""
-        from hhtbench.lowering.compile.banded import factor_banded  # likewise
-
-        band = xp.append(matrix.values.ravel(), 0.0)[self.places]
-        return BandInverse(factor_banded(band), self.order)
-
-
-def entries_at(n: int, flat: Any) -> Entries | None:
-    """For the flat places ``flat`` in (n, n); None where these are no narrow band, or lack a place on the diagonal."""
-    pattern: Any = sp.coo_array((np.ones(flat.size), (flat // n, flat % n)), shape=(n, n)).tocsr()
-    pattern = (pattern + pattern.T).tocsr()
-    counts = np.diff(pattern.indptr)
-    if not (pattern.diagonal() > 0.0).all() or counts.max() > BROAD * n:
-        return None
-    where, filled = _row_by_row(pattern)
-    columns = pattern.indices[where]
-    order = reverse_cuthill_mckee(pattern, symmetric_mode=True)
-    at = np.argsort(order)
-    row, column = np.broadcast_to(at[:, None], columns.shape)[filled], at[columns][filled]
-    width = int((row - column).max())
-    if width > BROAD * n:
-        return None
-    places, below = np.full((n, width + 1), columns.size), row >= column
-    places[row[below], (column - row + width)[below]] = np.flatnonzero(filled)[below]
-    return Entries(columns, filled, order, places)
-
-
-def _row_by_row(matrix: Any) -> tuple[Any, Any]:
+def row_by_row(matrix: Any) -> tuple[Any, Any]:
     """(n, k) the places of a matrix's entries, row by row; False where a row has less than k, and its last stands again."""
     counts = np.diff(matrix.indptr)
     place = np.minimum(np.arange(counts.max()), counts[:, None] - 1)
@@ -189,7 +106,7 @@ def compact(mass: Any, xp: Any) -> Any:
         return Diagonal(xp.asarray(entries.diagonal()))
     if counts.min() == 0 or counts.max() > BROAD * n or not np.isfinite(entries.data).all():
         return mass
-    where, filled = _row_by_row(entries)
+    where, filled = row_by_row(entries)
     sparse = Sparse(xp.asarray(np.where(filled, entries.data[where], 0.0)), entries.indices[where])
     return mass if sparse.inverse() is None else sparse
 

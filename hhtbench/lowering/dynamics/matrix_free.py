@@ -18,10 +18,11 @@ import numpy as np
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import Coloured, OftenCalled, Pattern, by_pattern
 from hhtbench.lowering.compile.compiling import compile_function
+from hhtbench.lowering.dynamics.band_mass import BandInverse, Entries, entries_at
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, Wrapper
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.kkt_rows import kkt_residual
-from hhtbench.lowering.dynamics.mass import BandInverse, Diagonal, Entries, Sparse, compact, entries_at, mass_at
+from hhtbench.lowering.dynamics.mass import Diagonal, Sparse, compact, mass_at
 from hhtbench.lowering.dynamics.patterns import Dependencies, patterns_of
 from hhtbench.lowering.dynamics.regular import ReducedDynamics
 from hhtbench.lowering.scalar_compiler import NotNative, places_of

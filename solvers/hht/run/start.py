@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.lowering.dynamics.regular import AugmentedDynamics
+from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
 from hhtbench.protocol.arguments import Vector, real_number, real_vector
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import NumpySystem, System

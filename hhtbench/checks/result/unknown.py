@@ -1,0 +1,58 @@
+"""Do constraints lose rank where multipliers are nan?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hhtbench.checks.result.levels import sizes_of, spread
+from hhtbench.lowering import ConstraintLevels, derive
+from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.counting import Clock
+from hhtbench.solution.result import Solution
+
+LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known
+ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints are always below
+ELSEWHERE = 20  # rows that show what singular values are elsewhere
+
+
+def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | None = None) -> str:
+    """Which row has nan for a multiplier although no constraint there depends on others; "" where none has.
+
+    Compared are singular values of [g_q; k_v], with columns of typical velocities and rows over their largest size in the
+    run, with the largest of the same order at a few rows and at the start, until the time of ``clock`` is over.
+    """
+    unknown = np.flatnonzero(solution.unknown)
+    if not unknown.size:
+        return ""
+    levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0), full=True)
+    size = sizes_of(problem, solution.q, solution.v)[levels.structure.n :]
+
+    def rows_at(i: int) -> Matrix:
+        return np.asarray(levels.at(float(solution.t[i]), solution.q[i], solution.v[i]).rows * size)
+
+    try:
+        start = levels.at(problem.t_span[0], problem.q0, problem.v0).rows * size
+        places = [start, *map(rows_at, np.linspace(0, solution.t.size - 1, ELSEWHERE).round().astype(int).tolist())]
+        largest = np.max([np.max(np.abs(rows), axis=1) for rows in places], axis=0)[:, None]
+        over = np.where(largest > 0.0, largest, 1.0)
+        elsewhere = np.max([_singular_values(rows / over) for rows in places], axis=0)
+        some = elsewhere > ALWAYS * elsewhere[0]
+        for i in unknown[spread(unknown.size)].tolist():
+            if clock is not None and clock.left() < 0.0:
+                return ""
+            least = float(np.min(_singular_values(rows_at(i) / over)[some] / elsewhere[some]))
+            if least > LOST:
+                return (
+                    f"finiteness: multipliers are nan in row {i} of {solution.t.size}, where constraints keep their rank: "
+                    f"every singular value is at least {least:.2g} of what it is elsewhere; below {LOST:g} is believed."
+                )
+    except NonFiniteValue as error:
+        return f"constraints: {error}."
+    return ""
+
+
+def _singular_values(rows: Matrix) -> Vector:
+    """In falling order."""
+    return np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=np.float64)
