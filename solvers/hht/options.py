@@ -14,7 +14,7 @@ from solvers.hht.control.controller import ControlOptions
 from solvers.hht.equations.coefficients import NEAR_HALF, REACTIONS, STARTS, Coefficients, Method, alpha_of
 from solvers.kernel.linear.analysis import KINDS
 
-LEAST_DAMPING = -0.02  # alpha above which vibrations grow by what extrapolated multipliers err by
+LEAST_DAMPING = -0.02  # alpha above which errors of extrapolated multipliers make vibrations grow: 0.2 % by 1.05 a step
 ENGINES = ("compiled", "python")
 
 
@@ -40,13 +40,13 @@ class HHTOptions:
         Weight of the end reaction in the position, not 1/2.  The default 0 costs least a step and alone is symplectic at
         alpha = 0: for long conservative runs.  0.2 takes 0.7 times the steps at equal error in the median of problems with
         position constraints (a pendulum a seventh, a mechanism whose forces work against its constraints up to three times
-        as many); a step costs 1.0 to 1.9 times as much (THEORY.md 11, ``hhtbench verify b``).
+        as many); a step costs 1.0 to 1.9 times as much (``hhtbench verify b``).
     reaction
         Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).  Not the
         last two for steep friction in long steps: velocities ring there (THEORY.md 13).
     extrapolate_reaction
         Count the reaction of the last step's multipliers as a force, so that alpha damps vibrations that constraint forces
-        carry, as of a light body on a taut rod, and steps pass over them (THEORY.md 11, ``hhtbench verify b``).  Not
+        carry, as of a light body on a taut rod, and steps pass over them (THEORY.md 11, docs/performance.md).  Not
         with alpha = 0, b near 1/2, velocity constraints, or reactions nonlinear in the multipliers.  Errors are those of
         b = 1.
     rescale_a
