@@ -101,7 +101,7 @@ class HHTOptions:
         if self.extrapolate_reaction and self.coefficients.alpha > LEAST_DAMPING:
             raise ProblemError(
                 f"extrapolate_reaction needs an alpha of {LEAST_DAMPING:g} at most: without damping the error of what is "
-                f"extrapolated makes vibrations grow (H56); got {self.coefficients.alpha:g}. Take alpha = -0.05, or -0.3."
+                f"extrapolated makes vibrations grow (H55); got {self.coefficients.alpha:g}. Take alpha = -0.05, or -0.3."
             )
         if self.extrapolate_reaction:
             low, high = self.coefficients.unstable_b
