@@ -124,8 +124,8 @@ class AtRows:
             held += int(np.count_nonzero(found[:, self._g] <= sizes[:, :, 0]))
             held += int(np.count_nonzero(found[:, self._drift] <= sizes[:, :, 1]))
         if p:
-            sizes = (found[:, self._k_v].reshape(-1, n) @ allowed[:, 1]).reshape(count, p)
-            held += int(np.count_nonzero(found[:, self._k] <= sizes))
+            of_k = (found[:, self._k_v].reshape(-1, n) @ allowed[:, 1]).reshape(count, p)
+            held += int(np.count_nonzero(found[:, self._k] <= of_k))
         return held == count * (2 * m + p)
 
     def measured(
