@@ -28,7 +28,6 @@ EMPTY = {  # sections of the loops' memory, by the part whose absence leaves the
 }
 COST = Cost(calls={"force": 3.0}, once={"force": 2.0}, seconds=1e-6, memory=100, operations=50, python=0.0, left=0.0)
 FULL = replace(COST, operations=60, memory=200)
-THRICE = replace(COST, calls={"constraint": 3.0})
 GAIN = Gain(reduction=REDUCTIONS[0], seconds=1e-6, seconds_without=2e-6, difference=1e-15, line="M: factorised once")
 
 
