@@ -14,6 +14,7 @@ from hhtbench.lowering import ConstraintLevels, Dynamics, derive
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem, Scales
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
@@ -89,7 +90,7 @@ def violated(
         f"k[{i - 2 * s.m}]" if i >= 2 * s.m else f"g[{i}]" if i < s.m else f"the velocity level g_t + g_q v of g[{i - s.m}]"
     )
     return (
-        f"constraints: {name} is violated by up to {over[row, i]:.2g} of its size, most at t = {t[row]:.17g}; "
+        f"constraints: {name} is violated by up to {over[row, i]:.2g} of its size, most at t = {exact(t[row])}; "
         f"up to {bounds[i]:.2g} is believed."
     )
 
