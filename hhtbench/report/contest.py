@@ -32,11 +32,16 @@ from hhtbench.report.words import (
 CHEAPEST = 3  # solvers named for each error
 TONES = {"wins": "good", "alone": "good", "unheld": "good", "loses": "bad", "absent": "bad"}
 ANY = "any"
-INTERPOLATED = (
-    f"Costs are interpolated in the logarithms between two runs; {AT_MOST}: the loosest run is already more accurate."
-)
+INTERPOLATED = f"Log costs are interpolated between two runs; {AT_MOST}: the loosest run is more accurate than asked."
 COMPARED = ("wins", "loses", "level")
-MARKS = {"wins": "won", "loses": "lost", "level": "level", "alone": "alone", "unheld": "others drift", "absent": "not there"}
+MARKS = {
+    "wins": "won",
+    "loses": "lost",
+    "level": "equal",
+    "alone": "only HHT",
+    "unheld": "others drift",
+    "absent": "only others",
+}
 
 
 def balance(rows: Sequence[RunRow]) -> Table:
@@ -51,17 +56,16 @@ def balance(rows: Sequence[RunRow]) -> Table:
             cells = [_counted([line for line in own if line.target == target]) for target in targets]
             body.append([_bound(bound), SHORT[measure], _counted(own), *cells])
     note = (
-        f"Numbers of problems: {', '.join(MARKS.values())}. The best HHT entry against the cheapest of all other solvers at "
-        "the same achieved error and with drift of position and velocity within the bound on both sides; with a bound, "
-        "problems with constraints only. Level: within the factor by which repeats of one solve differ in "
-        f"processor time, {repeats(whole.level)}. Alone: no other solver gets there, whatever "
-        "it was given; not there: HHT does not, another does."
+        "Number of problems on which HHT's best entry is cheaper (won) or dearer (lost) than the cheapest other solver at "
+        "one achieved error. A bound of the drift of position and velocity holds for both sides. Equal: times differ by no more "
+        f"than repeats of one solve, {repeats(whole.level)}. Only HHT, only others: the other side does not reach the "
+        "error; others drift: they reach it with more drift."
     )
     return make_table(["drift", "by", "all", *(f"error {target:.0e}" for target in targets)], body, note)
 
 
 def _counted(lines: Sequence[Comparison]) -> Cell:
-    """Comparisons in large print, below them who gets there alone."""
+    """Comparisons in large print, below them who alone reaches the error."""
     counts = Counter(line.outcome for line in lines)
     parts = {name: f"{counts[name]} {mark}" for name, mark in MARKS.items() if counts[name]}
     both = [text for name, text in parts.items() if name in COMPARED]
@@ -91,8 +95,8 @@ def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
             body += [[problem, SHORT[measure], ", ".join(bounds), *cells] for cells, bounds in lines.items()]
     headers = ["problem", "by", "drift", *(f"error {target:.0e}" for target in whole.targets)]
     note = (
-        "The best HHT entry against the cheapest of all other solvers at the same achieved error, at three bounds of the "
-        f"drift; evaluations whatever the drift. {uncounted(analysis.silent(rows))}"
+        "HHT's best entry and the cheapest other solver at the same achieved error, by time at three bounds of the drift, "
+        f"by evaluations whatever the drift. {uncounted(analysis.silent(rows))}"
     )
     return make_table(headers, body, note)
 
@@ -111,9 +115,14 @@ def both_sides(rows: Sequence[RunRow], campaign: Campaign | None = None, held: f
             more = [plural(drifting, "solver") if drifting else NOTHING] if held is not None else []
             body.append([*_both_sides(line), *more])
     headers = ["error", "by", "HHT", "best HHT", "its cost", "position drift", "velocity drift", "cheapest other"]
-    headers += ["its cost", "position drift", "velocity drift", *(["accurate, but drift more"] if held is not None else [])]
+    headers += [
+        "its cost",
+        "position drift",
+        "velocity drift",
+        *(["accurate, but too much drift"] if held is not None else []),
+    ]
     scope = f"Runs {bounded(held)} of position and velocity, over all steps. " if held is not None else ""
-    note = f"{scope}{INTERPOLATED} Drifts are those of the run at the accurate end.{_stars(rows)}"
+    note = f"{scope}{INTERPOLATED} The drifts are those of the more accurate run.{_stars(rows)}"
     return make_table(headers, body, note)
 
 
@@ -136,7 +145,7 @@ def _cost(cost: Cost, measure: str) -> str:
 
 
 def cheapest(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
-    """Who reaches each error most cheaply on one problem."""
+    """The three cheapest solvers at each error on one problem."""
     targets = (campaign or campaign_of(rows)).targets
     body = []
     for measure in MEASURES:
@@ -146,8 +155,8 @@ def cheapest(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
             body.append([f"{front.target:.0e}", SHORT[measure], *best, *[NOTHING] * (CHEAPEST - len(best)), missing])
     headers = ["error", "by", "cheapest", "second", "third", "without a cost"]
     note = (
-        "Without a cost: every solver was refined until it got there, failed, was no better when finer, or met a stated "
-        f"cap. {INTERPOLATED}{_stars(rows)} {uncounted(analysis.silent(rows))}"
+        "Without a cost: solvers that do not reach the error, and why. "
+        f"{INTERPOLATED}{_stars(rows)} {uncounted(analysis.silent(rows))}"
     )
     return make_table(headers, body, note)
 
@@ -158,7 +167,7 @@ def _stars(rows: Sequence[RunRow]) -> str:
 
 
 def _grouped(missing: Mapping[str, Missing]) -> str:
-    """``3 a stated cap, 1 failed``; the reason itself where all share one, and of whom where it is one."""
+    """``3 limit of the campaign, 1 fails``; the reason itself where all share one, with the solver where it is one."""
     reasons = list(missing.values())
     texts = {reason.text for reason in reasons}
     if len(texts) == 1:

@@ -1,4 +1,4 @@
-"""What a reader sees first: the table to decide by, two figures; and the evidence behind the table."""
+"""The top of the page: the table to decide by and two figures; and the comparisons behind the table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from hhtbench.campaign.analysis.cells import SUBJECT, family
 from hhtbench.campaign.analysis.kinds import Kind
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import Content
-from hhtbench.report.decisions import evidence_anchor, told
+from hhtbench.report.decisions import bound_label, evidence_anchor
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table
 from hhtbench.report.overview import drift_views, profile_views
@@ -24,13 +24,13 @@ def decision_section(tables: Mapping[tuple[str, float | None], Table]) -> str:
     """Buttons for measure and bound of the drift, and a table for each choice; the first is shown."""
     measures, bounds = (list(dict.fromkeys(values)) for values in zip(*tables, strict=True))
     shown = "\n".join(
-        f'<div data-table="{measure} {told(bound)}"{"" if number == 0 else " hidden"}>{html_table(table)}</div>'
+        f'<div data-table="{measure} {bound_label(bound)}"{"" if number == 0 else " hidden"}>{html_table(table)}</div>'
         for number, ((measure, bound), table) in enumerate(tables.items())
     )
     return f"""\
 <section class="decision" id="decision">
 <div class="choose"><span>by {_buttons({name: SHORT[name] for name in measures})}</span>
-<span>drift {_buttons({told(bound): told(bound) for bound in bounds})}</span></div>
+<span>drift {_buttons({bound_label(bound): bound_label(bound) for bound in bounds})}</span></div>
 {shown}
 </section>"""
 

@@ -55,11 +55,11 @@ def _reason(run: Point, y: float | None = None) -> str:
 
 def described(run: Point) -> str:
     """What a pointer shows at a run."""
-    remark = (" (disturbed)" if run.disturbed else "") if run.alone else " (beside other work)"
+    note = (" (disturbed)" if run.disturbed else "") if run.alone else " (beside other work)"
     lines = [
         run.setting.text,
         f"error {shown(run.error if run.doubted is None else run.doubted)}",
-        f"{seconds(run.time)}{remark}, {shown(run.evaluations)} evaluations",
+        f"{seconds(run.time)}{note}, {shown(run.evaluations)} evaluations",
         f"drift: position {shown(run.position)}, velocity {shown(run.velocity)}",
     ]
     return "<br>".join(lines)

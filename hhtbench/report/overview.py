@@ -44,17 +44,17 @@ def drift_views(rows: Sequence[RunRow], styles: Styles) -> list[View]:
         found = analysis.drift_costs(rows, measure)
         drawn = {entry: own for entry, lines in found.items() if (own := [line for line in lines if not line.bound])}
         if drawn:
-            caption = _told(_count(drawn)) + _left_out(found)
+            caption = _drift_caption(_count(drawn)) + _left_out(found)
             views.append(View(name=measure, caption=caption, figure=_drift_figure(drawn, measure, styles)))
     return views
 
 
-def _told(count: int) -> str:
+def _drift_caption(count: int) -> str:
     return (
-        f"Left and low is better. On each of {plural(count, 'problem')} with constraints the cost at an error of "
-        f"{TYPICAL_ERROR:.0e} over that of HHT's cheapest; the cost lies between two runs, the largest drift is that of the "
-        "more accurate of them. Large marks are medians; of how many problems, where not of all, stands behind the name. "
-        f"Lines: the bounds of the drift in the table above. Zero is drawn at {LEAST_DRIFT:.0e}."
+        f"Left and low is better. On each of {plural(count, 'problem')} with constraints: the cost at an error of "
+        f"{TYPICAL_ERROR:.0e} over that of HHT's cheapest entry, and the largest drift. Large marks are medians; the "
+        "number of problems stands behind the name where it is not all. Lines are the bounds of the drift. Zero is drawn at "
+        f"{LEAST_DRIFT:.0e}."
     )
 
 
@@ -69,7 +69,7 @@ def _left_out(found: Mapping[str, Sequence[DriftCost]]) -> str:
     others = Counter(line.cost.entry for line in lines if line.cost.bound and not line.own.bound)
     parts = [f"of HHT's on {plural(len(problems), 'problem')} ({listed(problems)})"] if problems else []
     parts += [f"of {short(entry)} on {number}" for entry, number in others.items()]
-    return f" Left out, the cheapest run being more accurate than that already: {'; '.join(parts)}." if parts else ""
+    return f" Left out, because the cheapest run is more accurate than asked: {'; '.join(parts)}." if parts else ""
 
 
 def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles: Styles) -> dict[str, Any]:
@@ -83,8 +83,8 @@ def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles
     own = [entry for entry in styles if entry in found]
     data = [_single(entry, found[entry], styles[entry]) for entry in own]
     for entry in own:
-        told = f"median of {len(found[entry])} of {plural(most, 'problem')}"
-        data.append(_middle(entry, medians[entry], (names[entry], told), styles[entry], places.get(entry)))
+        meaning = f"median of {len(found[entry])} of {plural(most, 'problem')}"
+        data.append(_middle(entry, medians[entry], (names[entry], meaning), styles[entry], places.get(entry)))
     what = "processor time" if measure == "time" else "evaluations"
     layout = layout_of(axis(f"{what} over HHT's", x, True), axis("largest drift, scaled", y, True) | {"automargin": True})
     layout["shapes"] = [_line(y0=bound) for bound in BOUNDS if bound is not None] + [_line(x0=1.0)]
@@ -140,11 +140,11 @@ def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[
 
 
 def _middle(
-    entry: str, place: tuple[float, float], told: tuple[str, str], style: SolverStyle, label: str | None
+    entry: str, place: tuple[float, float], texts: tuple[str, str], style: SolverStyle, label: str | None
 ) -> dict[str, Any]:
-    """A median; ``told``: its name and of what it is one."""
-    drawn = _points(entry, [place], [told[1]], style, {"size": 13, "line": {"width": 1, "color": "#ffffff"}})
-    drawn |= {"customdata": [told[1]], "text": [told[0]], "textposition": label or "top center", "textfont": {"size": 12}}
+    """A median; ``texts``: its name and of what it is one."""
+    drawn = _points(entry, [place], [texts[1]], style, {"size": 13, "line": {"width": 1, "color": "#ffffff"}})
+    drawn |= {"customdata": [texts[1]], "text": [texts[0]], "textposition": label or "top center", "textfont": {"size": 12}}
     hover = drawn["hovertemplate"].replace("%{text}", "%{customdata}")
     return drawn | {"mode": "markers+text" if label else "markers", "hovertemplate": hover}
 
@@ -196,11 +196,11 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
 
 SEARCH = 0.35  # opacity of the curves that count the search
 SEARCHED = (
-    " Left and high is better. Strong: the first run, from loose to tight, that reaches the error. Pale: all runs up to it, "
-    "failed ones included. What is not reached, or was not run, is in no curve."
+    " Left and high is better. Strong lines count the first run, from loose to tight, that reaches the error; pale lines "
+    "count all runs up to it, failed ones included."
 )
-UNKNOWN = " A run whose time is not known, a crashed one, counts what it was allowed."
-RELATIVE = " After Dolan and Moré: such curves may change their order with who takes part."
+UNKNOWN = " A crashed run, whose time is not known, counts with the time that it was allowed."
+RELATIVE = " After Dolan and Moré; the order of such curves may change when a solver is added."
 
 
 def _pairs(found: Sequence[Reach]) -> str:
@@ -212,7 +212,7 @@ def _pairs(found: Sequence[Reach]) -> str:
 def _lost(found: Sequence[Reach]) -> str:
     """How many steps of the strong curves the pale ones lack."""
     count = sum(reach.cost is not None and reach.search is None for reach in found)
-    return f" {plural(count, 'reached pair')} in no pale curve: a run before reported no cost." if count else ""
+    return f" {plural(count, 'reached pair')} in no pale line: an earlier run reported no cost." if count else ""
 
 
 def _profile_figure(

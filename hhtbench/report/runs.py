@@ -32,9 +32,9 @@ def side_by_side(rows: Sequence[RunRow]) -> Table:
     chosen = typical_runs(rows)
     body = [[*_run_cells(run), slope_text(slopes[run.entry])] for run in chosen]
     note = (
-        f"For each solver the run whose scaled error is nearest to {TYPICAL_ERROR:.0e}. Slope: error against tolerance or "
-        "step over all its runs with errors up to 0.1, fitted in the logarithms, \N{PLUS-MINUS SIGN} the farthest point's "
-        f"distance from the line in decades. {_run_note(chosen)}"
+        f"Each solver's run with a scaled error nearest to {TYPICAL_ERROR:.0e}. Slope: of log error against log tolerance "
+        "or step over its runs with errors up to 0.1, \N{PLUS-MINUS SIGN} the largest distance of a point from the line in "
+        f"decades. {_run_note(chosen)}"
     )
     return make_table([*RUN_HEADERS, "slope"], ordered(body), note)
 
@@ -55,12 +55,11 @@ def counter_table(rows: Sequence[RunRow]) -> Table:
         sources.setdefault(run.provenance, []).append(run.entry)
     headers = ["solver", "setting", *COUNTS.values(), "time", "first solve"]
     note = (
-        "For output: evaluations for the output rows, in no other counter. First solve: warm-up, compilation included, not "
-        "part of the time; it depends on who compiled the same functions first, and on the cache on disk. A dash: not "
-        f"reported, which is not zero. {_marks(chosen)}"
+        "For output: evaluations for the output rows, in no other counter. First solve: with compilation, not part of the "
+        f"time; it depends on what is compiled already. A dash: not reported. {_marks(chosen)}"
     )
     origins = "; ".join(f"{', '.join(solver_order(entries))}: {source}" for source, entries in sources.items())
-    return make_table(headers, ordered(body), f"{note} Where the counts come from. {origins}.")
+    return make_table(headers, ordered(body), f"{note} Source of the counts. {origins}.")
 
 
 def all_runs(rows: Sequence[RunRow]) -> Table:
@@ -95,8 +94,8 @@ def _run_note(runs: Sequence[Point]) -> str:
     """What the columns of a table of runs mean, and what its marks say."""
     parts = [
         f"Error: the larger of q and v, scaled{compared(runs)}; lam, mu: scaled errors of the multipliers. Position to "
-        "energy: largest drift over the whole interval, scaled by the problem's own sizes; max |g|: the position "
-        "constraints as they are. A dash: not reported or not there."
+        "energy: largest drift over the whole interval, scaled by the problem's own sizes; max |g| is not scaled. A dash: "
+        "not reported or not part of the problem."
     ]
     notes: dict[str, list[str]] = {}
     for run in runs:
@@ -104,7 +103,7 @@ def _run_note(runs: Sequence[Point]) -> str:
             notes.setdefault(run.note, []).append(run.entry)
     parts += [f"No acceleration level for {listed(list(solver_order(own)))} ({note})." for note, own in notes.items()]
     if any(run.doubted is not None for run in runs):
-        parts.append("In brackets: the error of a run that is not believed.")
+        parts.append("In brackets: errors of a run whose result was rejected.")
     return " ".join([*parts, _marks(runs)]).strip()
 
 
@@ -123,7 +122,7 @@ def typical_runs(rows: Sequence[RunRow]) -> list[Point]:
 
 
 def failures_by_reason(rows: Sequence[RunRow]) -> Table:
-    """The runs on one problem that failed or are not believed; messages that differ by their numbers are one reason."""
+    """The runs on one problem that failed or were rejected; messages that differ by their numbers are one reason."""
     body: list[list[str | Cell]] = []
     found = analysis.failures(rows)
     for one in sorted(found, key=lambda failure: -len(failure.rows)):
@@ -158,10 +157,9 @@ def equal_drift(rows: Sequence[RunRow]) -> Table:
             cells.append(Cell(shown(value), "", where))
         body.append(cells)
     note = (
-        f"At equal accuracy: on each problem the solver's run nearest to the error {TYPICAL_ERROR:.0e}, where that is "
-        f"within a factor {NEAR:g} of it; a drift that is small only because a run was far more accurate is not here. "
-        "Position and velocity are scaled by the problem's own sizes, max |g| is not; the maximum over time, over internal "
-        "steps where a solver shows them."
+        f"On each problem the solver's run nearest to the error {TYPICAL_ERROR:.0e}, where that is within a factor {NEAR:g} "
+        "of it, so that nobody has small drift only by being more accurate. Drifts are the largest over time, over internal "
+        "steps where a solver returns them; position and velocity are scaled by the problem's own sizes, max |g| is not."
     )
     headers = ["solver", "problems with such a run", "largest position drift", "largest max |g|", "largest velocity drift"]
     return make_table(headers, body, note)

@@ -16,7 +16,7 @@ from hhtbench.report.runs import typical_runs
 from hhtbench.report.words import listed
 
 LEAST_DRIFT = 1e-18  # zero has no place on a logarithmic axis and is drawn here
-MOST_POINTS = 100  # of a series over time
+MAX_POINTS = 60  # of a series over time
 LEVELS = ("position", "velocity", "acceleration")
 OVER_TIME, MULTIPLIERS = "Over time", "Multipliers"  # titles of figures
 SYMBOLS = {"lam": "λ", "mu": "μ"}
@@ -42,7 +42,7 @@ def _of_level(chosen: Sequence[Point], rows: Sequence[RunRow], level: str) -> Ch
     return _chart(
         chosen,
         analysis.drift_series(rows, level),
-        remark=ACCELERATIONS if own else "",
+        note=ACCELERATIONS if own else "",
         id=f"drift-{level}",
         view=f"{level} drift",
         title="Drift of the acceleration level over time" if own else f"Drift of the {level} constraints over time",
@@ -50,7 +50,7 @@ def _of_level(chosen: Sequence[Point], rows: Sequence[RunRow], level: str) -> Ch
     )
 
 
-ACCELERATIONS = " With the accelerations that follow from each solver's own multipliers, at output times."
+ACCELERATIONS = " At output times, with the accelerations that follow from each solver's own multipliers."
 
 
 def _of_multipliers(chosen: Sequence[Point], series: Sequence[TimeSeries], name: str) -> Chart | None:
@@ -59,7 +59,7 @@ def _of_multipliers(chosen: Sequence[Point], series: Sequence[TimeSeries], name:
     return _chart(
         chosen,
         series,
-        remark=f" {named}, recovered from the acceleration level at output times; where solvers agree, so do the lines.",
+        note=f" {named}, recovered from the acceleration level at output times; the lines of solvers that agree coincide.",
         id=f"series-{name}",
         group=MULTIPLIERS,
         view=f"{SYMBOLS[name]} over time",
@@ -72,7 +72,7 @@ def _of_multipliers(chosen: Sequence[Point], series: Sequence[TimeSeries], name:
 def _chart(
     chosen: Sequence[Point],
     found: Sequence[TimeSeries],
-    remark: str = "",
+    note: str = "",
     group: str = OVER_TIME,
     logarithmic_y: bool = True,
     **named: Any,
@@ -92,11 +92,11 @@ def _chart(
     zero = logarithmic_y and any(y is not None and y <= LEAST_DRIFT for trace in traces for y in trace.y)
     floor = f" Zero is drawn at {LEAST_DRIFT:.0e}." if zero else ""
     if zero and all(y is None or y <= LEAST_DRIFT for trace in traces for y in trace.y):
-        floor = f" All keep it exactly.{floor}"
+        floor = f" All solvers keep it exactly.{floor}"
     head = f"Each solver's run with an error nearest to {TYPICAL_ERROR:.0e}{_spread(chosen)}."
     return Chart(
         group=group,
-        caption=f"{head}{remark}{_absent(chosen, traces, named['id'] == 'drift-acceleration')}{floor}",
+        caption=f"{head}{note}{_absent(chosen, traces, named['id'] == 'drift-acceleration')}{floor}",
         x_label="time [s]",
         traces=tuple(traces),
         marks=tuple(marks),
@@ -125,9 +125,9 @@ def _spread(chosen: Sequence[Point]) -> str:
 
 
 def _thinned(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
-    """At most ``MOST_POINTS``, the largest of each stretch; zero at the least drift that is drawn."""
+    """At most ``MAX_POINTS``, the largest of each stretch; zero at the least drift that is drawn."""
     t, value = series.t, series.value
-    stretch = -(-len(t) // MOST_POINTS)
+    stretch = -(-len(t) // MAX_POINTS)
     kept = []
     for start in range(0, len(t), stretch):
         part = range(start, min(start + stretch, len(t)))
@@ -137,6 +137,6 @@ def _thinned(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None,
 
 
 def _strided(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
-    """At most ``MOST_POINTS``, of values that may be negative: every second, third, ... one."""
-    stride = -(-len(series.t) // MOST_POINTS)
+    """At most ``MAX_POINTS``, of values that may be negative: every second, third, ... one."""
+    stride = -(-len(series.t) // MAX_POINTS)
     return series.t[::stride], series.value[::stride]
