@@ -19,7 +19,7 @@ from hhtbench.report.atlas import COUNTED
 from hhtbench.report.chart import HEIGHT, draw
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
-from hhtbench.report.content import ATLAS, FAILED, TITLE, Content, Part, content_of, environments, period
+from hhtbench.report.content import AGAINST, ATLAS, FAILED, TITLE, Content, Part, content_of, environments, period
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import html_table, legend, prose, sketch
 from hhtbench.report.first_screen import decision_section, evidence_section, figure_of, overview
@@ -126,13 +126,14 @@ def _problem_section(part: Part, kind: Kind, styles: Mapping[str, SolverStyle], 
         groups.setdefault(chart.group, {})[chart.view] = (draw(chart, styles), chart.caption)
     drawn = "\n".join(figure_of(f"{part.name}-{title}", title, views, drawings) for title, views in groups.items())
     everything = runs.all_runs(part.rows)
-    built = "\n".join(html_table(table, caption) for caption, table in part.tables.items() if caption != FAILED)
+    built = "\n".join(
+        html_table(table, caption) for caption, table in part.tables.items() if caption not in (AGAINST, FAILED)
+    )
     details = f"""\
-{sketch(part.name)}
-<p class="lead">{"<br>".join(prose(text) for text in part.sentences)}</p>
 <div class="charts">
 {drawn or "<p>No run left anything to draw.</p>"}
 </div>
+{html_table(part.tables[AGAINST], AGAINST)}
 {html_table(part.tables[FAILED], FAILED)}
 <details><summary>Costs, errors and counters on {escape(part.name)}</summary>
 {built}
@@ -142,7 +143,8 @@ def _problem_section(part: Part, kind: Kind, styles: Mapping[str, SolverStyle], 
 </details>"""
     failed = sum(not row.success for row in part.rows)
     said = f"{kind.text}, {plural(len(part.rows), 'run')}, {failed} failed"
-    return _folded(anchor(part.name), f"<h3>{escape(part.name)}</h3> {escape(said)}", drawings.packed(html=details))
+    packed = f"{sketch(part.name)}\n{drawings.packed(html=details)}"
+    return _folded(anchor(part.name), f"<h3>{escape(part.name)}</h3> {escape(said)}", packed)
 
 
 def _folded(identifier: str, title: str, packed: str) -> str:

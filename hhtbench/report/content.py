@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from hhtbench.campaign import analysis
-from hhtbench.campaign.analysis.fronts import BOUNDS, Campaign, campaign_of
+from hhtbench.campaign.analysis.fronts import Campaign, campaign_of
 from hhtbench.campaign.analysis.kinds import Kind
 from hhtbench.campaign.analysis.outcomes import machines
 from hhtbench.campaign.store.rows import RunRow
@@ -17,20 +16,20 @@ from hhtbench.report.atlas import Atlas, failure_atlas
 from hhtbench.report.decisions import choices_of, decisions, reading
 from hhtbench.report.recommendations import recommendations
 from hhtbench.report.rules import rules
-from hhtbench.report.summary import older, problem_summary, summary
+from hhtbench.report.summary import older, summary
 from hhtbench.report.tables import Table
 from hhtbench.report.words import MEASURES, bounded
 
+AGAINST = "HHT and the cheapest other solver"
 RANKED: dict[str, Callable[[Sequence[RunRow], Campaign], Table]] = {
-    **{f"HHT and the cheapest other solver, {bounded(bound)}": partial(contest.both_sides, held=bound) for bound in BOUNDS},
+    AGAINST: contest.against,
     "The cheapest solvers at each error": contest.cheapest,
 }
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
 ATLAS = "Failed runs by solver and cause"
 FAILED = "Failed runs by reason"
 TABLES: dict[str, Callable[[Sequence[RunRow]], Table]] = {
-    "One run of each solver at similar accuracy": runs.side_by_side,
-    "Counters of these runs": runs.counter_table,
+    "One run of each solver at similar accuracy": runs.one_run_each,
     FAILED: runs.failures_by_reason,
 }
 
@@ -41,7 +40,6 @@ class Part:
 
     name: str
     rows: tuple[RunRow, ...]
-    sentences: tuple[str, ...]
     tables: Mapping[str, Table]  #: by caption
 
 
@@ -81,10 +79,7 @@ class Content:
             **{name: getattr(self, name).as_dict() for name in ("balance", "drift")},
             "atlas": self.atlas.as_dict(),
             "problems": {
-                part.name: {
-                    "summary": list(part.sentences),
-                    "tables": {caption: table.as_dict() for caption, table in part.tables.items()},
-                }
+                part.name: {"tables": {caption: table.as_dict() for caption, table in part.tables.items()}}
                 for part in self.parts
             },
         }
@@ -122,7 +117,7 @@ def _of(rows: Sequence[RunRow], problems: Collection[str]) -> list[RunRow]:
 def _part(name: str, rows: Sequence[RunRow], whole: Campaign) -> Part:
     tables = {caption: rank(rows, whole) for caption, rank in RANKED.items()}
     tables |= {caption: build(rows) for caption, build in TABLES.items()}
-    return Part(name=name, rows=tuple(rows), sentences=tuple(problem_summary(rows, whole)), tables=tables)
+    return Part(name=name, rows=tuple(rows), tables=tables)
 
 
 def environments(rows: Sequence[RunRow]) -> list[str]:

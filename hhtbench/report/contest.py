@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.fronts import BOUNDS, Campaign, Comparison, Cost, campaign_of
@@ -19,12 +18,9 @@ from hhtbench.report.words import (
     SHORT,
     STAR,
     behind,
-    bounded,
     outcome,
-    plural,
     repeats,
     short,
-    shown,
     uncounted,
     work,
 )
@@ -57,8 +53,8 @@ def balance(rows: Sequence[RunRow]) -> Table:
             body.append([_bound(bound), SHORT[measure], _counted(own), *cells])
     note = (
         "Number of problems on which HHT's best entry is cheaper (won) or dearer (lost) than the cheapest other solver at "
-        "one achieved error. A bound of the drift of position and velocity holds for both sides. Equal: times differ by no more "
-        f"than repeats of one solve, {repeats(whole.level)}. Only HHT, only others: the other side does not reach the "
+        "one achieved error. A bound of the drift of position and velocity holds for both sides. Equal: times differ by no "
+        f"more than repeats of one solve, {repeats(whole.level)}. Only HHT, only others: the other side does not reach the "
         "error; others drift: they reach it with more drift."
     )
     return make_table(["drift", "by", "all", *(f"error {target:.0e}" for target in targets)], body, note)
@@ -90,7 +86,7 @@ def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
             for bound in BOUNDS if measure == "time" else BOUNDS[:1]:
                 own = [line for line in compared[bound] if (line.problem, line.measure) == (problem, measure)]
                 if own:
-                    cells = tuple(_verdict(line)._replace(detail=behind(line)) for line in own)
+                    cells = tuple(Cell(outcome(line), TONES.get(line.outcome, ""), behind(line)) for line in own)
                     lines.setdefault(cells, []).append(_bound(bound))
             body += [[problem, SHORT[measure], ", ".join(bounds), *cells] for cells, bounds in lines.items()]
     headers = ["problem", "by", "drift", *(f"error {target:.0e}" for target in whole.targets)]
@@ -101,43 +97,6 @@ def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
     return make_table(headers, body, note)
 
 
-def _verdict(line: Comparison) -> Cell:
-    detail = "" if line.factor is not None else behind(line)  # who the other is stands in columns of its own
-    return Cell(outcome(line), TONES.get(line.outcome, ""), detail)
-
-
-def both_sides(rows: Sequence[RunRow], campaign: Campaign | None = None, held: float | None = None) -> Table:
-    """Both sides of every comparison on one problem at one bound of the drift, with their costs and drifts."""
-    body: list[list[Any]] = []
-    for line in analysis.compare(rows, held=held, campaign=campaign):
-        if line.subject or line.rival:
-            drifting = sum(reason.kind == "drifts" for reason in line.missing.values())
-            more = [plural(drifting, "solver") if drifting else NOTHING] if held is not None else []
-            body.append([*_both_sides(line), *more])
-    headers = ["error", "by", "HHT", "best HHT", "its cost", "position drift", "velocity drift", "cheapest other"]
-    headers += [
-        "its cost",
-        "position drift",
-        "velocity drift",
-        *(["accurate, but too much drift"] if held is not None else []),
-    ]
-    scope = f"Runs {bounded(held)} of position and velocity, over all steps. " if held is not None else ""
-    note = f"{scope}{INTERPOLATED} The drifts are those of the more accurate run.{_stars(rows)}"
-    return make_table(headers, body, note)
-
-
-def _both_sides(line: Comparison) -> list[str | Cell]:
-    sides = [cell for side in (line.subject, line.rival) for cell in _side(side, line.measure)]
-    return [f"{line.target:.0e}", SHORT[line.measure], _verdict(line), *sides]
-
-
-def _side(side: Cost | None, measure: str) -> list[str | Cell]:
-    if side is None:
-        return [NOTHING] * 4
-    detail = f"{side.run.setting.text}: error {shown(side.run.error)}"
-    return [Cell(side.entry, "", detail), _cost(side, measure), shown(side.run.position), shown(side.run.velocity)]
-
-
 def _cost(cost: Cost, measure: str) -> str:
     """With a sign where it is an upper bound, and a star where the time was disturbed."""
     star = "*" if measure == "time" and cost.run.disturbed else ""
@@ -145,15 +104,16 @@ def _cost(cost: Cost, measure: str) -> str:
 
 
 def cheapest(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
-    """The three cheapest solvers at each error on one problem."""
+    """The cheapest solvers, and HHT's best, at each error on one problem."""
     targets = (campaign or campaign_of(rows)).targets
     body = []
     for measure in MEASURES:
         for front in analysis.fronts(rows, measure, targets):
             best = [f"{cost.entry} {_cost(cost, measure)}" for cost in front.costs[:CHEAPEST]]
-            missing = _grouped(front.missing)
-            body.append([f"{front.target:.0e}", SHORT[measure], *best, *[NOTHING] * (CHEAPEST - len(best)), missing])
-    headers = ["error", "by", "cheapest", "second", "third", "without a cost"]
+            best += [NOTHING] * (CHEAPEST - len(best))
+            subject = f"{front.subject.entry} {_cost(front.subject, measure)}" if front.subject else NOTHING
+            body.append([f"{front.target:.0e}", SHORT[measure], *best, subject, _grouped(front.missing)])
+    headers = ["error", "by", "cheapest", "second", "third", "best HHT", "without a cost"]
     note = (
         "Without a cost: solvers that do not reach the error, and why. "
         f"{INTERPOLATED}{_stars(rows)} {uncounted(analysis.silent(rows))}"

@@ -7,7 +7,7 @@ from typing import Any
 
 from hhtbench.campaign.analysis.cells import DOUBTED, Point, by_entry
 from hhtbench.report.frame import EdgeMark, Trace
-from hhtbench.report.words import doubt, seconds, shown
+from hhtbench.report.words import brief, doubt, seconds, shown
 
 Value = Callable[[Point], float | None]
 
@@ -60,7 +60,7 @@ def described(run: Point) -> str:
         run.setting.text,
         f"error {shown(run.error if run.doubted is None else run.doubted)}",
         f"{seconds(run.time)}{note}, {shown(run.evaluations)} evaluations",
-        f"drift: position {shown(run.position)}, velocity {shown(run.velocity)}",
+        f"drift: position {brief(run.position)}, velocity {brief(run.velocity)}",
     ]
     return "<br>".join(lines)
 

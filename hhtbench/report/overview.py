@@ -13,7 +13,7 @@ from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.cells import SUBJECT, TYPICAL_ERROR, family
 from hhtbench.campaign.analysis.drift import DriftCost
 from hhtbench.campaign.analysis.fronts import BOUNDS
-from hhtbench.campaign.analysis.profile import Profile, Reach, relative_profiles
+from hhtbench.campaign.analysis.profile import Profile, Reach
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report import colours
 from hhtbench.report.chart import axis, layout_of, rounded
@@ -173,7 +173,7 @@ def _line(x0: float | None = None, y0: float | None = None) -> dict[str, Any]:
 
 
 def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) -> list[View]:
-    """Shares of problem-error pairs within a cost, by time, by evaluations, and relative to the best."""
+    """Shares of problem-error pairs within a cost, by time and by evaluations."""
     shown_first = [entry for entry in styles if entry in set(front)]
     by_time, by_count = (analysis.reaches(rows, measure) for measure in ("time", "evaluations"))
     views = []
@@ -186,11 +186,6 @@ def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) 
             figure = _profile_figure(pairs, label, styles, shown_first)
             what = UNKNOWN if name == "time" else f" {weighed(analysis.points(rows))}"
             views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + what, figure=figure))
-    if any(reach.cost is not None for reach in by_time):
-        figure = _profile_figure(
-            [(relative_profiles(by_time), 1.0)], "processor time over that of the best", styles, shown_first
-        )
-        views.append(View(name="over the best", caption=_pairs(by_time) + RELATIVE, figure=figure))
     return views
 
 
@@ -200,7 +195,6 @@ SEARCHED = (
     "count all runs up to it, failed ones included."
 )
 UNKNOWN = " A crashed run, whose time is not known, counts with the time that it was allowed."
-RELATIVE = " After Dolan and Moré; the order of such curves may change when a solver is added."
 
 
 def _pairs(found: Sequence[Reach]) -> str:

@@ -14,11 +14,9 @@ from hhtbench.report.tables import Cell, Table, make_table, ordered
 from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, shown, timed
 
 COUNTS = {
-    "steps_accepted": "steps",
     "steps_rejected_error": "rejected by error",
     "steps_rejected_newton": "by Newton",
     "newton_iterations": "Newton iterations",
-    "residual_evaluations": "evaluations",
     "output_evaluations": "for output",
     "jacobian_evaluations": "Jacobians",
     "factorisations": "factorisations",
@@ -26,40 +24,29 @@ COUNTS = {
 }
 
 
-def side_by_side(rows: Sequence[RunRow]) -> Table:
-    """One run of every solver, nearest to the typical error: errors, drift, work, slope over all its runs."""
+def one_run_each(rows: Sequence[RunRow]) -> Table:
+    """One run of every solver, nearest to the typical error: errors, drift, work, counters, slope over all its runs."""
     slopes = {curve.entry: curve.slope for curve in analysis.convergence(rows)}
-    chosen = typical_runs(rows)
-    body = [[*_run_cells(run), slope_text(slopes[run.entry])] for run in chosen]
-    note = (
-        f"Each solver's run with a scaled error nearest to {TYPICAL_ERROR:.0e}. Slope: of log error against log tolerance "
-        "or step over its runs with errors up to 0.1, \N{PLUS-MINUS SIGN} the largest distance of a point from the line in "
-        f"decades. {_run_note(chosen)}"
-    )
-    return make_table([*RUN_HEADERS, "slope"], ordered(body), note)
-
-
-def slope_text(slope: Slope | None) -> str:
-    """Value and spread."""
-    return NOTHING if slope is None else f"{slope.value:.2f} \N{PLUS-MINUS SIGN} {slope.spread:.2f}"
-
-
-def counter_table(rows: Sequence[RunRow]) -> Table:
-    """What the same runs cost, counter by counter."""
     chosen = typical_runs(rows)
     body: list[list[str | Cell]] = []
     sources: dict[str, list[str]] = {}
     for run in chosen:
         counts = [count(run.counts.get(name)) for name in COUNTS]
-        body.append([run.entry, run.setting.text, *counts, timed(run), seconds(run.first)])
+        body.append([*_run_cells(run), slope_text(slopes[run.entry]), *counts, seconds(run.first)])
         sources.setdefault(run.provenance, []).append(run.entry)
-    headers = ["solver", "setting", *COUNTS.values(), "time", "first solve"]
-    note = (
-        "For output: evaluations for the output rows, in no other counter. First solve: with compilation, not part of the "
-        f"time; it depends on what is compiled already. A dash: not reported. {_marks(chosen)}"
-    )
     origins = "; ".join(f"{', '.join(solver_order(entries))}: {source}" for source, entries in sources.items())
-    return make_table(headers, ordered(body), f"{note} Source of the counts. {origins}.")
+    note = (
+        f"Each solver's run with a scaled error nearest to {TYPICAL_ERROR:.0e}. Slope: of log error against log tolerance "
+        "or step over its runs with errors up to 0.1, \N{PLUS-MINUS SIGN} the largest distance of a point from the line in "
+        "decades. For output: evaluations for the output rows, in no other counter. First solve: with compilation, not part "
+        f"of the time. {_run_note(chosen)} Source of the counts. {origins}."
+    )
+    return make_table([*RUN_HEADERS, "slope", *COUNTS.values(), "first solve"], ordered(body), note)
+
+
+def slope_text(slope: Slope | None) -> str:
+    """Value and spread."""
+    return NOTHING if slope is None else f"{slope.value:.2f} \N{PLUS-MINUS SIGN} {slope.spread:.2f}"
 
 
 def all_runs(rows: Sequence[RunRow]) -> Table:

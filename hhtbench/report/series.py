@@ -16,7 +16,7 @@ from hhtbench.report.runs import typical_runs
 from hhtbench.report.words import listed
 
 LEAST_DRIFT = 1e-18  # zero has no place on a logarithmic axis and is drawn here
-MAX_POINTS = 60  # of a series over time
+MAX_POINTS = 48  # of a series over time
 LEVELS = ("position", "velocity", "acceleration")
 OVER_TIME, MULTIPLIERS = "Over time", "Multipliers"  # titles of figures
 SYMBOLS = {"lam": "λ", "mu": "μ"}
@@ -81,14 +81,15 @@ def _chart(
     if not found:
         return None
     traces, marks = [], []
+    end = max(series.t[-1] for series in found)
     order = solver_order(series.point.entry for series in found)  # HHT's thick lines first, below the others'
     for series in sorted(found, key=lambda series: order.index(series.point.entry)):
         run = series.point
-        t, value = _thinned(series) if logarithmic_y else _strided(series)
+        t, value = _thinned(series, end) if logarithmic_y else _strided(series)
         component = "" if series.component is None else f"component {series.component}<br>"
         traces.append(Trace(entry=run.entry, x=t, y=value, note=f"{component}{described(run)}"))
         if not run.success:
-            marks.append(mark_of(run, t[-1], value[-1] if run.status == DOUBTED else None))
+            marks.append(mark_of(run, series.t[-1], value[-1] if run.status == DOUBTED else None))
     zero = logarithmic_y and any(y is not None and y <= LEAST_DRIFT for trace in traces for y in trace.y)
     floor = f" Zero is drawn at {LEAST_DRIFT:.0e}." if zero else ""
     if zero and all(y is None or y <= LEAST_DRIFT for trace in traces for y in trace.y):
@@ -124,16 +125,16 @@ def _spread(chosen: Sequence[Point]) -> str:
     return f" (they are from {min(errors):.1e} to {max(errors):.1e})" if errors else ", or a middle setting as none is known"
 
 
-def _thinned(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
-    """At most ``MAX_POINTS``, the largest of each stretch; zero at the least drift that is drawn."""
-    t, value = series.t, series.value
-    stretch = -(-len(t) // MAX_POINTS)
-    kept = []
-    for start in range(0, len(t), stretch):
-        part = range(start, min(start + stretch, len(t)))
-        kept.append(max(part, key=lambda index: value[index] if value[index] is not None else -1.0))  # type: ignore[arg-type,return-value]
-    values = (value[index] for index in kept)
-    return tuple(t[i] for i in kept), tuple(None if v is None else max(v, LEAST_DRIFT) for v in values)
+def _thinned(series: TimeSeries, end: float) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
+    """The largest value of each of ``MAX_POINTS`` equal stretches up to ``end``, in its middle; zero at ``LEAST_DRIFT``."""
+    largest: dict[int, float] = {}
+    start = series.t[0]
+    for t, value in zip(series.t, series.value, strict=True):
+        stretch = min(int(MAX_POINTS * (t - start) / (end - start)), MAX_POINTS - 1) if end > start else 0
+        if value is not None:
+            largest[stretch] = max(value, largest.get(stretch, LEAST_DRIFT))
+    width = (end - start) / MAX_POINTS
+    return tuple(start + (stretch + 0.5) * width for stretch in largest), tuple(largest.values())
 
 
 def _strided(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:

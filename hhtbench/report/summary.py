@@ -9,7 +9,7 @@ from statistics import median
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, family
 from hhtbench.campaign.analysis.drift import equally_accurate
-from hhtbench.campaign.analysis.fronts import BOUNDS, STEADY, Campaign, Comparison
+from hhtbench.campaign.analysis.fronts import BOUNDS, STEADY, Comparison
 from hhtbench.campaign.analysis.missing import NOT_RUN, UNREFINED
 from hhtbench.campaign.analysis.outcomes import Newest, machines
 from hhtbench.campaign.store.rows import RunRow
@@ -22,7 +22,6 @@ from hhtbench.report.words import (
     factor,
     listed,
     plural,
-    short,
     shown,
     uncounted,
 )
@@ -40,12 +39,6 @@ def summary(rows: Sequence[RunRow]) -> list[str]:
         parts += [_balance(compared, measure) for measure in MEASURES]
         parts.append(_held_out(rows))
     return [part for part in [*parts, _drift(rows), _caveats(rows)] if part]
-
-
-def problem_summary(rows: Sequence[RunRow], campaign: Campaign | None = None) -> list[str]:
-    """Sentences for one problem: wins and losses by both measures."""
-    lines = analysis.compare(rows, campaign=campaign)
-    return [_sentence([line for line in lines if line.measure == measure], measure) for measure in MEASURES]
 
 
 def _coverage(rows: Sequence[RunRow]) -> str:
@@ -124,29 +117,6 @@ def _extreme(lines: Sequence[Comparison], verb: str) -> str:
     needs = f"{dear.entry} needs {factor(line)} the {MEASURES[line.measure]} of {cheap.entry}"
     noun = {"wins": "win", "loses": "loss"}[verb]
     return f"Its largest {noun} is on {line.problem} at an error of {line.target:.0e}: {needs}. "
-
-
-def _sentence(lines: Sequence[Comparison], measure: str) -> str:
-    if not any(line.subject or line.rival for line in lines):
-        reasons = {reason.text for line in lines for reason in line.missing.values()}
-        return f"By {MEASURES[measure]}: nothing can be compared ({'; '.join(sorted(reasons))})."
-    parts = []
-    for name, verb in (("loses", "loses to"), ("level", "is equal to"), ("wins", "wins against")):
-        rivals: dict[str, list[str]] = {}
-        for line in lines:
-            if line.outcome == name and line.rival is not None:
-                rivals.setdefault(line.rival.entry, []).append(f"{line.target:.0e} ({factor(line)})")
-        parts += [f"{verb} {short(entry)} at {listed(cases)}" for entry, cases in rivals.items()]
-    for name, text in ABSENCES.items():
-        found = [line for line in lines if line.outcome == name]
-        if found:
-            own = [line.own_missing.text for line in found if line.own_missing is not None]
-            why = f" ({'; '.join(dict.fromkeys(own))})" if own else ""
-            parts.append(f"{text} {listed([f'{line.target:.0e}' for line in found])}{why}")
-    return f"By {MEASURES[measure]} HHT {'; '.join(parts)}."
-
-
-ABSENCES = {"absent": "does not reach", "alone": "alone reaches", "unknown": "is not compared at"}
 
 
 def _drift(rows: Sequence[RunRow]) -> str:

@@ -44,17 +44,17 @@ class Front:
         """Everybody who was run on the problem."""
         return (*(cost.entry for cost in self.costs), *self.missing)
 
+    @property
+    def subject(self) -> Cost | None:
+        """The cheapest of the subject's entries."""
+        return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison(Front):
     """The best entry of the subject against the best other solver."""
 
     level: float = 1.0  #: factors up to it are level: repeats of one solve differ by as much
-
-    @property
-    def subject(self) -> Cost | None:
-        """The cheapest of the subject's entries."""
-        return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
 
     @property
     def rival(self) -> Cost | None:

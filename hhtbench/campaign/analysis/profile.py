@@ -1,8 +1,7 @@
 """Profiles: the share of all pairs of problem and error that a solver reaches within a given cost.
 
-Absolute ones are empirical distribution functions as those of COCO (Hansen et al. 2021): a solver's curve rests on its own
-rows alone.  Those of Dolan and More (2002) are relative to the best, so that they may change their order with who takes part
-(Gould and Scott 2016).  Every problem has the same weight, whatever the number of its errors that can be judged.
+They are empirical distribution functions as those of COCO (Hansen et al. 2021): a solver's curve rests on its own rows alone,
+unlike those of Dolan and More (2002), whose order may change when a solver is added (Gould and Scott 2016).  Every problem has the same weight, whatever the number of its errors that can be judged.
 """
 
 from __future__ import annotations
@@ -80,19 +79,6 @@ def profiles(found: Iterable[Reach], cost: str = "cost") -> tuple[Profile, ...]:
     """One for each solver, by ``cost`` or ``search``."""
     return tuple(
         _profile(entry, [(value, reach.weight) for reach in own if (value := getattr(reach, cost)) is not None])
-        for entry, own in _by_entry(found).items()
-    )
-
-
-def relative_profiles(found: Sequence[Reach]) -> tuple[Profile, ...]:
-    """Dolan and More's: by the cost over that of the best solver on the same pair."""
-    best: dict[tuple[str, float], float] = {}
-    for reach in found:
-        if reach.cost is not None:
-            pair = (reach.problem, reach.target)
-            best[pair] = min(best.get(pair, reach.cost), reach.cost)
-    return tuple(
-        _profile(entry, [(r.cost / best[r.problem, r.target], r.weight) for r in own if r.cost is not None])
         for entry, own in _by_entry(found).items()
     )
 
