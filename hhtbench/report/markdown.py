@@ -15,7 +15,7 @@ from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, duration, group_of, groups, verdict
 
 MAX_SUMMARY_LINES = 200
-MAX_SUMMARY_ROWS = 36  # of each of its tables, and sentences on kinds: with these it stays below the lines
+MAX_SUMMARY_ROWS = 42  # of each of its tables, and sentences on kinds: with these it stays below the lines
 
 CLAIMS = """\
 Each row is one claim: a sentence that can be wrong, the number measured for it, the bound it must keep, and the

@@ -71,7 +71,8 @@ def _versus_subject(first: Place, best: Place | None, others: Sequence[Place], l
         text = f"{name} is {_times(ratio, inverse=True)} where both reach it"
     else:
         text = f"it is {_times(ratio)} than {name}"
-    return text + f", which reaches it on {reach_of(rival)} problems" * bool(rival.missing)
+    joined = ", which" if text.endswith(name) else " but"
+    return text + f"{joined} reaches it on {reach_of(rival)} problems" * bool(rival.missing)
 
 
 def _times(ratio: Ratio, inverse: bool = False) -> str:

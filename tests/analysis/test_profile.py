@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 
 from hhtbench.campaign.analysis import profiles, reaches
-from hhtbench.campaign.analysis.profile import relative_profiles
 from tests.analysis.laws import EVALUATION, failed, law, run
 from tests.report.synthetic import rows as campaign
 
@@ -68,10 +67,3 @@ def test_no_curve_changes_when_a_solver_comes_or_goes():
         kept = profiles(reaches([row for row in rows if row.solver != gone], "time"))
         assert len(kept) == len(whole) - 1
         assert all(profile == whole[profile.entry] for profile in kept)
-
-
-def test_relative_profile_begins_with_the_share_of_pairs_on_which_a_solver_is_the_best():
-    rows = [*law("hht", 100.0, 2), *law("ida", 400.0, 4)]  # level at an error of 4e-3
-    found = relative_profiles(reaches(rows, "time", (1e-1, 1e-2, 1e-3, 1e-4)))
-    assert (share(found, "hht", 1.0), share(found, "ida", 1.0)) == pytest.approx((0.5, 0.5))
-    assert share(found, "hht", 2.6) == pytest.approx(1.0)
