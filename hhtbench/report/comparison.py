@@ -21,7 +21,7 @@ from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import AGAINST, ATLAS, FAILED, TITLE, Content, Part, content_of, environments, period
 from hhtbench.report.drawings import Drawings
-from hhtbench.report.elements import html_table, legend, prose, sketch
+from hhtbench.report.elements import folded, html_table, legend, prose, sketch
 from hhtbench.report.first_screen import decision_section, evidence_section, figure_of, overview
 from hhtbench.report.markdown import summary_page
 from hhtbench.report.rules import campaign_line
@@ -80,14 +80,14 @@ def _page(content: Content, command: str, evidence: Evidence | None, beside: Col
         claims=_verdict_box(evidence, beside),
         balance=html_table(content.balance),
         rules="\n".join(f"<li>{prose(rule)}</li>" for rule in content.rules),
-        evidence="\n".join(evidence_section(kind, content) for kind in content.kinds),
+        evidence="\n".join(evidence_section(kind, content, drawings) for kind in content.kinds),
         drift=html_table(content.drift),
         legend=legend(styles),
         sections="\n".join(_problem_section(part, kinds[part.name], styles, drawings) for part in content.parts),
         failures=ATLAS,
         counted=COUNTED,
         causes=html_table(content.atlas.causes()),
-        atlas=_folded(
+        atlas=folded(
             "failed-runs",
             "Each failure: solver, form, problem, accuracy, cause",
             drawings.part().packed(html=html_table(content.atlas.table())),
@@ -144,12 +144,7 @@ def _problem_section(part: Part, kind: Kind, styles: Mapping[str, SolverStyle], 
     failed = sum(not row.success for row in part.rows)
     said = f"{kind.text}, {plural(len(part.rows), 'run')}, {failed} failed"
     packed = f"{sketch(part.name)}\n{drawings.packed(html=details)}"
-    return _folded(anchor(part.name), f"<h3>{escape(part.name)}</h3> {escape(said)}", packed)
-
-
-def _folded(identifier: str, title: str, packed: str) -> str:
-    """A part of the page that is decompressed when it is opened."""
-    return f'<details class="part" id="{identifier}"><summary>{title}</summary>\n{packed}</details>'
+    return folded(anchor(part.name), f"<h3>{escape(part.name)}</h3> {escape(said)}", packed)
 
 
 def _verdict_box(evidence: Evidence | None, beside: Collection[str]) -> str:

@@ -54,6 +54,11 @@ def _html_cell(cell: Cell) -> str:
     return f"<td{named}>{text}{detail}</td>"
 
 
+def folded(identifier: str, title: str, packed: str) -> str:
+    """A part of the page that is decompressed when it is opened."""
+    return f'<details class="part" id="{identifier}"><summary>{title}</summary>\n{packed}</details>'
+
+
 def sketch(problem: str) -> str:
     """The drawing of the registered problem that ``problem`` is, or is made of, as an element; empty where there is none."""
     name, _, parameters = problem.partition("(")

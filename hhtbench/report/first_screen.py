@@ -13,11 +13,11 @@ from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import Content
 from hhtbench.report.decisions import bound_label, evidence_anchor
 from hhtbench.report.drawings import Drawings
-from hhtbench.report.elements import html_table
+from hhtbench.report.elements import folded, html_table
 from hhtbench.report.overview import drift_views, profile_views
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor
-from hhtbench.report.words import SHORT
+from hhtbench.report.words import SHORT, plural
 
 
 def decision_section(tables: Mapping[tuple[str, float | None], Table]) -> str:
@@ -68,10 +68,10 @@ def figure_of(identifier: str, title: str, views: Mapping[str, tuple[Any, str]],
 </figure>"""
 
 
-def evidence_section(kind: Kind, content: Content) -> str:
+def evidence_section(kind: Kind, content: Content, page: Drawings) -> str:
     """The problems of one kind, each with its own comparison."""
     links = ", ".join(f'<a href="#{anchor(name)}">{escape(name)}</a>' for name in content.kinds[kind])
-    return f"""\
-<h3 id="{evidence_anchor(kind)}">{escape(kind.text)}</h3>
-<p class="note">{links}</p>
-{html_table(content.against[kind])}"""
+    packed = page.part().packed(html=f'<p class="note">{links}</p>\n{html_table(content.against[kind])}')
+    return folded(
+        evidence_anchor(kind), f"<h3>{escape(kind.text)}</h3> {plural(len(content.kinds[kind]), 'problem')}", packed
+    )

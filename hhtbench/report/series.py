@@ -16,7 +16,7 @@ from hhtbench.report.runs import typical_runs
 from hhtbench.report.words import listed
 
 LEAST_DRIFT = 1e-18  # zero has no place on a logarithmic axis and is drawn here
-MAX_POINTS = 48  # of a series over time
+MAX_POINTS = 40  # of a series over time
 LEVELS = ("position", "velocity", "acceleration")
 OVER_TIME, MULTIPLIERS = "Over time", "Multipliers"  # titles of figures
 SYMBOLS = {"lam": "λ", "mu": "μ"}
@@ -134,7 +134,7 @@ def _thinned(series: TimeSeries, end: float) -> tuple[tuple[float, ...], tuple[f
         if value is not None:
             largest[stretch] = max(value, largest.get(stretch, LEAST_DRIFT))
     width = (end - start) / MAX_POINTS
-    return tuple(start + (stretch + 0.5) * width for stretch in largest), tuple(largest.values())
+    return tuple(start + (stretch + 0.5) * width for stretch in largest), tuple(float(f"{y:.1e}") for y in largest.values())
 
 
 def _strided(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:

@@ -204,12 +204,12 @@ def test_a_sentence_says_when_not_to_take_the_solver_that_is_cheapest_most_often
     assert few.startswith("Rows on fewer than 3 problems (2 kinds) are a hint")
 
 
-def test_every_kind_leads_to_its_evidence_which_names_its_problems(page, rows):
-    first = page.partition('data-table="time any"')[2].partition("</div></div>")[0]
+def test_every_kind_leads_to_its_evidence_which_names_its_problems(whole, rows):
+    first = whole.partition('data-table="time any"')[2].partition("</div></div>")[0]
     links = set(re.findall(r'<td><a href="#(plot-kind-[^"]*)">', first))
     named = []
     for link in links:
-        section = page.partition(f'<h3 id="{link}">')[2].partition("<table>")[0]
+        section = whole.partition(f'<details class="part" id="{link}">')[2].partition("<table>")[0]
         named += re.findall(r'<a href="#plot-[^"]*">(.*?)</a>', section)
     judged = {name for kind, names in analysis.kinds(rows).items() for name in names}
     assert set(named) <= judged

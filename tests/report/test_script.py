@@ -9,7 +9,7 @@ import subprocess
 
 import pytest
 
-from tests.report.drawings import PACKED, figures_of
+from tests.report.drawings import PACKED, embedded, figures_of
 
 NODE = shutil.which("node")
 pytestmark = pytest.mark.skipif(NODE is None, reason="no node: the script is not run")
@@ -58,15 +58,16 @@ ACTIONS = """
 const soon = () => new Promise(done => setTimeout(done, 1500));
 await soon();
 const first = drawn.splice(0).map(one => one[0]);
-parts[0].open = true;
-await parts[0].listeners.toggle();
+parts[OPENED].open = true;
+await parts[OPENED].listeners.toggle();
 await soon();
-const [box] = parts[0].querySelectorAll(".plot");
+const [box] = parts[OPENED].querySelectorAll(".plot");
 box.link.listeners.click();
 const keys = ["\N{LESS-THAN OR EQUAL TO} 3 ms", "2 s", "\N{ALMOST EQUAL TO} 4\N{MULTIPLICATION SIGN}",
   "1,200\N{MULTIPLICATION SIGN}", "hht"];
 console.log(JSON.stringify({
-  first, second: drawn.map(one => one[0]), csv: await files[0].text(), figure: box.dataset.figure, left: parts[0].script,
+  first, second: drawn.map(one => one[0]), csv: await files[0].text(), figure: box.dataset.figure,
+  left: parts[OPENED].script,
   keys: keys.map(textContent => sortKey({textContent}).slice(0, 2)),
 }));
 process.exit(0);
@@ -77,9 +78,11 @@ process.exit(0);
 def found(page, tmp_path_factory):
     body = PACKED.sub("", page.partition("<body>")[2].partition('<script type="module">')[0])
     script = re.search(r'<script type="module">(.*?)</script>', page, re.DOTALL)[1]
+    parts = [json.loads(text) for name, text in embedded(page) if not name]
+    actions = ACTIONS.replace("OPENED", str(next(index for index, part in enumerate(parts) if part["figures"])))
     stub = STUB.replace("PACKED", json.dumps(PACKED.findall(page))).replace("BODY", json.dumps(body))
     file = tmp_path_factory.mktemp("script") / "page.mjs"
-    file.write_text(stub + script + ACTIONS, encoding="utf-8")
+    file.write_text(stub + script + actions, encoding="utf-8")
     done = subprocess.run([NODE, str(file)], capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
     return json.loads(done.stdout)
