@@ -116,16 +116,14 @@ def _trace(trace: Trace, style: SolverStyle, chart: Chart) -> dict[str, Any]:
         look |= {
             "mode": "lines",
             "hovertemplate": f"<b>%{{fullData.name}}</b><br>{trace.note}<br>%{{x:.4g}} s: %{{y:.3g}}<extra></extra>",
-            "x": on_axis(trace.x, chart.logarithmic_x),
-            "y": on_axis(trace.y, chart.logarithmic_y),
+            "x": trace.x if chart.logarithmic_x else on_axis(trace.x),
+            "y": trace.y if chart.logarithmic_y else on_axis(trace.y),
         }
     return look
 
 
-def on_axis(values: Sequence[float | None], logarithmic: bool) -> list[float | None]:
-    """With as many digits as the axis shows."""
-    if logarithmic:
-        return [rounded(value) for value in values]
+def on_axis(values: Sequence[float | None]) -> list[float | None]:
+    """With as many decimals as a linear axis shows."""
     known = [value for value in values if value is not None and math.isfinite(value)]
     width = max(known, default=0.0) - min(known, default=0.0) or max(map(abs, known), default=0.0) or 1.0
     decimals = math.ceil(math.log10(PARTS / width))

@@ -23,7 +23,7 @@ SVG_SYMBOLS = {
     "star": '<path d="M17 2.5l1.5 4H22l-2.9 2.4 1.1 4.1L17 10.5 13.8 13l1.1-4.1L12 6.5h3.5z"/>',
 }
 MAX_UNBROKEN = 44  # characters; a longer cell may wrap
-NAME = re.compile(r"[\w.:]+\([^()]*\)|\d+e-\d+")  # a solver or problem with its options, a number
+NAME = re.compile(r"[\w.:]+\([^()]*\)|[\d.]+e-\d+")  # a solver or problem with its options, a number
 
 
 def prose(text: str) -> str:

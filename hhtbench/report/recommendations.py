@@ -38,6 +38,11 @@ def recommendations(choices: Choices, level: float, held_out: Collection[str]) -
     return (*sentences, *_exceptions(found, steady, level))
 
 
+def _power(value: float) -> str:
+    """``1e-4``."""
+    return f"{value:.0e}".replace("e-0", "e-")
+
+
 def _scene(kind: Kind) -> str:
     nonlinear = " and reactions nonlinear in the multipliers" * kind.nonlinear
     return SCENES.get(kind.constraints, "problems of unknown constraints") + FORCES[kind.stiff] + nonlinear
@@ -47,10 +52,10 @@ def _sentence(choice: Choice, steady: Choice | None, level: float, held_out: Col
     scene = f"{_scene(choice.kind)} ({', '.join(basis(choice.problems, held_out))})"
     order = ranked(choice)
     if not order:
-        return f"For {scene} no solver reaches an error of {choice.target:.0e}."
+        return f"For {scene} no solver reaches an error of {_power(choice.target)}."
     first, best = order[0], best_subject(choice)
     reach = f" It reaches this error on {reach_of(first)} problems." * bool(first.missing)
-    head = f"For {scene} at an error of {choice.target:.0e} take {first.entry}"
+    head = f"For {scene} at an error of {_power(choice.target)} take {first.entry}"
     return f"{head}; {_versus_subject(first, best, order[1:], level)}.{reach}{_steadiness(first, steady)}"
 
 
@@ -90,9 +95,9 @@ def _steadiness(first: Place, steady: Choice | None) -> str:
         return ""
     kept = next((place for place in order if place.entry == first.entry), None)
     if kept is not None and len(kept.costs) >= len(first.costs):
-        return f" Its drift stays below {STEADY:.0e}."
+        return f" Its drift stays below {_power(STEADY)}."
     other = f"there take {order[0].entry}" if order else "nobody's does"
-    return f" Its drift does not stay below {STEADY:.0e} on all of them; {other}."
+    return f" Its drift does not stay below {_power(STEADY)} on all of them; {other}."
 
 
 def _exceptions(found: Sequence[Choice], steady: Sequence[Choice], level: float) -> list[str]:
@@ -105,10 +110,10 @@ def _exceptions(found: Sequence[Choice], steady: Sequence[Choice], level: float)
     for choice in found:
         reason = _against(winner, choice, level)
         if reason:
-            cases.setdefault((_scene(choice.kind), reason), []).append(f"{choice.target:.0e}")
+            cases.setdefault((_scene(choice.kind), reason), []).append(f"{_power(choice.target)}")
     parts = [f"for {scene} at {listed(errors)} ({reason})" for (scene, reason), errors in cases.items()]
     drifting = dict.fromkeys(_scene(choice.kind) for choice in steady if _drifts(winner, choice, firsts))
-    parts += [f"for {listed([*drifting])} where drift must stay below {STEADY:.0e}"] if drifting else []
+    parts += [f"for {listed([*drifting])} where drift must stay below {_power(STEADY)}"] if drifting else []
     head = f"{winner} is the cheapest in {number} of {len(found)} rows of the table"
     sentences = [f"{head}. Do not take it {'; '.join(parts)}." if parts else f"{head}, and no row speaks against it."]
     few = {choice.kind for choice in found if len(choice.problems) < MIN_PROBLEMS}

@@ -33,7 +33,7 @@ UNCOUNTED = {"diffrax": "not counted: its Newton iterations run inside compiled 
 
 def short(entry: str) -> str:
     """A solver's spec without the names of options that are clear from their values: method, form, a negative alpha."""
-    return re.sub(r"\b(?:method|form|solver)=|\balpha=(?=-)", "", entry).replace("constant step", "constant h")
+    return re.sub(r"\b(?:method|form|solver)=|\balpha=(?=-)", "", entry)
 
 
 def shown(value: float | None) -> str:

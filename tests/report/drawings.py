@@ -11,7 +11,13 @@ from typing import Any
 PACKED = re.compile(r'<script type="application/gzip"(?: id="([^"]*)")?>([A-Za-z0-9+/=]*)</script>')
 
 
-def embedded(page: str) -> list[tuple[str, str]]:
+def embedded(page: str, name: str) -> str:
+    """The text of the packed script ``name``."""
+    (found,) = [text for own, text in scripts_of(page) if own == name]
+    return found
+
+
+def scripts_of(page: str) -> list[tuple[str, str]]:
     """Id, "" where it has none, and text of each packed script."""
     return [(name, gzip.decompress(base64.b64decode(content)).decode()) for name, content in PACKED.findall(page)]
 
@@ -20,7 +26,7 @@ def opened(page: str) -> str:
     """The page as a browser holds it when all of its parts are opened, without figures."""
 
     def html(found: re.Match[str]) -> str:
-        ((name, text),) = embedded(found[0])
+        ((name, text),) = scripts_of(found[0])
         return "" if name == "plotly" else str(json.loads(text)["html"])
 
     return PACKED.sub(html, page)
@@ -33,7 +39,7 @@ def figures_of(page: str) -> dict[int, Any]:
         raise ValueError(f"{text} is not JSON")
 
     found = {}
-    for name, text in embedded(page):
+    for name, text in scripts_of(page):
         if name != "plotly":
             part = json.loads(text, parse_constant=refuse)
             found |= {int(number): _completed(figure, part["texts"]) for number, figure in part["figures"].items()}

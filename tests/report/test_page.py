@@ -75,8 +75,7 @@ def figures(page):
 def test_page_fetches_nothing_and_holds_plotly_once(page, parsed):
     assert parsed.fetched == []
     assert "@import" not in page.partition("</style>")[0]
-    (library,) = [text for name, text in embedded(page) if name == "plotly"]
-    assert library.startswith(f"/**\n* plotly.js (basic - minified) v{get_plotlyjs_version()}")
+    assert embedded(page, "plotly").startswith(f"/**\n* plotly.js (basic - minified) v{get_plotlyjs_version()}")
     assert len(page) < MOST_BYTES
 
 

@@ -9,7 +9,7 @@ import subprocess
 
 import pytest
 
-from tests.report.drawings import PACKED, embedded, figures_of
+from tests.report.drawings import PACKED, figures_of, scripts_of
 
 NODE = shutil.which("node")
 pytestmark = pytest.mark.skipif(NODE is None, reason="no node: the script is not run")
@@ -78,7 +78,7 @@ process.exit(0);
 def found(page, tmp_path_factory):
     body = PACKED.sub("", page.partition("<body>")[2].partition('<script type="module">')[0])
     script = re.search(r'<script type="module">(.*?)</script>', page, re.DOTALL)[1]
-    parts = [json.loads(text) for name, text in embedded(page) if not name]
+    parts = [json.loads(text) for name, text in scripts_of(page) if not name]
     actions = ACTIONS.replace("OPENED", str(next(index for index, part in enumerate(parts) if part["figures"])))
     stub = STUB.replace("PACKED", json.dumps(PACKED.findall(page))).replace("BODY", json.dumps(body))
     file = tmp_path_factory.mktemp("script") / "page.mjs"
