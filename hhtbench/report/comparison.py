@@ -81,7 +81,6 @@ def _page(content: Content, command: str, evidence: Evidence | None, beside: Col
         balance=html_table(content.balance),
         rules="\n".join(f"<li>{prose(rule)}</li>" for rule in content.rules),
         evidence="\n".join(evidence_section(kind, content, drawings) for kind in content.kinds),
-        drift=html_table(content.drift),
         legend=legend(styles),
         sections="\n".join(_problem_section(part, kinds[part.name], styles, drawings) for part in content.parts),
         failures=ATLAS,

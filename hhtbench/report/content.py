@@ -59,7 +59,6 @@ class Content:
     reading: str  #: how they are to be read
     balance: Table
     against: Mapping[Kind, Table]
-    drift: Table
     atlas: Atlas
     parts: tuple[Part, ...]
 
@@ -76,7 +75,7 @@ class Content:
                 f"{MEASURES[by]}, {bounded(held)}": table.as_dict() for (by, held), table in self.decisions.items()
             },
             "against": {kind.text: table.as_dict() for kind, table in self.against.items()},
-            **{name: getattr(self, name).as_dict() for name in ("balance", "drift")},
+            "balance": self.balance.as_dict(),
             "atlas": self.atlas.as_dict(),
             "problems": {
                 part.name: {"tables": {caption: table.as_dict() for caption, table in part.tables.items()}}
@@ -104,7 +103,6 @@ def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
         decisions=decisions(choices, whole, held_out),
         balance=contest.balance(found.rows),
         against={kind: contest.against(_of(found.rows, names), whole) for kind, names in kinds.items()},
-        drift=runs.equal_drift(found.rows),
         atlas=failure_atlas(found.rows),
         parts=tuple(_part(name, _of(found.rows, [name]), whole) for name in analysis.problems(found.rows)),
     )

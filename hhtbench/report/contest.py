@@ -18,6 +18,7 @@ from hhtbench.report.words import (
     SHORT,
     STAR,
     behind,
+    bound_label,
     outcome,
     repeats,
     short,
@@ -27,7 +28,6 @@ from hhtbench.report.words import (
 
 CHEAPEST = 3  # solvers named for each error
 TONES = {"wins": "good", "alone": "good", "unheld": "good", "loses": "bad", "absent": "bad"}
-ANY = "any"
 INTERPOLATED = f"Log costs are interpolated between two runs; {AT_MOST}: the loosest run is more accurate than asked."
 COMPARED = ("wins", "loses", "level")
 MARKS = {
@@ -50,7 +50,7 @@ def balance(rows: Sequence[RunRow]) -> Table:
         for measure in MEASURES:
             own = [line for line in lines if line.measure == measure]
             cells = [_counted([line for line in own if line.target == target]) for target in targets]
-            body.append([_bound(bound), SHORT[measure], _counted(own), *cells])
+            body.append([bound_label(bound), SHORT[measure], _counted(own), *cells])
     note = (
         "Number of problems on which HHT's best entry is cheaper (won) or dearer (lost) than the cheapest other solver at "
         "one achieved error. A bound of the drift of position and velocity holds for both sides. Equal: times differ by no "
@@ -68,10 +68,6 @@ def _counted(lines: Sequence[Comparison]) -> Cell:
     return Cell(", ".join(both) or NOTHING, "", ", ".join(text for name, text in parts.items() if name not in COMPARED))
 
 
-def _bound(bound: float | None) -> str:
-    return ANY if bound is None else f"{AT_MOST} {bound:.0e}"
-
-
 def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
     """HHT against the cheapest other solver: lines for each problem, bound of the drift and measure; a column an error.
 
@@ -87,7 +83,7 @@ def against(rows: Sequence[RunRow], campaign: Campaign | None = None) -> Table:
                 own = [line for line in compared[bound] if (line.problem, line.measure) == (problem, measure)]
                 if own:
                     cells = tuple(Cell(outcome(line), TONES.get(line.outcome, ""), behind(line)) for line in own)
-                    lines.setdefault(cells, []).append(_bound(bound))
+                    lines.setdefault(cells, []).append(bound_label(bound))
             body += [[problem, SHORT[measure], ", ".join(bounds), *cells] for cells, bounds in lines.items()]
     headers = ["problem", "by", "drift", *(f"error {target:.0e}" for target in whole.targets)]
     note = (

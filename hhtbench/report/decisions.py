@@ -14,9 +14,8 @@ from hhtbench.campaign.analysis.missing import NOT_RUN, UNKNOWN
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
-from hhtbench.report.words import AT_MOST, EQUAL, KINDS, NOTHING, plural, repeats, short, sign_of, times, work
+from hhtbench.report.words import EQUAL, KINDS, MEASURES, NOTHING, plural, repeats, short, sign_of, times, work
 
-COST = {"time": "time", "evaluations": "evaluations"}
 KEPT_BY = f"keeps drift below {STEADY:.0e}"
 ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
 
@@ -40,7 +39,7 @@ def reading(campaign: Campaign) -> str:
 def choices_of(rows: Sequence[RunRow], kinds: Mapping[Kind, Sequence[str]], campaign: Campaign) -> Choices:
     """What every table rests on."""
     asked = tuple(target for target in ACCURACIES if target in campaign.targets) or campaign.targets
-    keys = [(measure, bound) for measure in COST for bound in BOUNDS]
+    keys = [(measure, bound) for measure in MEASURES for bound in BOUNDS]
     return {(measure, bound): analysis.decide(rows, kinds, measure, asked, bound) for measure, bound in keys}
 
 
@@ -50,24 +49,17 @@ def decisions(choices: Choices, campaign: Campaign, held_out: Collection[str]) -
     for (measure, bound), found in choices.items():
         level = campaign.level if measure == "time" else 1.0
         steady = {(choice.kind, choice.target): choice for choice in choices[measure, STEADY]}
-        headers = ["kind of problem", "problems", "error", "cheapest", COST[measure], "second", "factor"]
-        headers += ["HHT", "place", "factor", "reaches", "why not all", "cheaper on some", KEPT_BY, "factor"]
+        headers = ["kind of problem", "problems", "error", "cheapest", measure, "second", "factor"]
+        headers += ["HHT", "place", "factor", "reaches", "why not all", KEPT_BY, "factor"]
         body = [_line(choice, steady.get((choice.kind, choice.target)), measure, level, held_out) for choice in found]
-        gone = {12} if all(line[12] == NOTHING for line in body) else set()  # most campaigns run all solvers everywhere
-        gone |= set() if bound is None else {13, 14}
-        kept = [index for index in range(len(headers)) if index not in gone]
-        tables[measure, bound] = make_table([headers[i] for i in kept], [[line[i] for i in kept] for line in body])
+        kept = None if bound is None else -2  # with a bound all keep the drift
+        tables[measure, bound] = make_table(headers[:kept], [line[:kept] for line in body])
     return tables
 
 
 def evidence_anchor(kind: Kind) -> str:
     """Where the page compares solvers on the kind's problems one by one."""
     return anchor(f"kind-{kind.text}")
-
-
-def bound_label(bound: float | None) -> str:
-    """A bound of the drift on a button."""
-    return "any" if bound is None else f"{AT_MOST} {bound:.0e}"
 
 
 def ranked(choice: Choice) -> list[Place]:
@@ -99,12 +91,12 @@ def _line(choice: Choice, steady: Choice | None, measure: str, level: float, hel
     head: Line = [kind, Cell(count.split()[0], "", *more), f"{choice.target:.0e}"]
     order = ranked(choice)
     if not order:
-        return [*head, _nobody(choice), *[NOTHING] * 3, *_subject(choice, order, level), *[NOTHING] * 3]
+        return [*head, _nobody(choice), *[NOTHING] * 3, *_subject(choice, order, level), *[NOTHING] * 2]
     first, *others = order
     cost = sign_of(first.at_most, False) + work(first.mean, measure)
     second = [_named(others[0]), _factor(others[0].over(first), first, level)] if others else [NOTHING] * 2
     kept = _steady(steady, first, level)
-    return [*head, _named(first), cost, *second, *_subject(choice, order, level), _cheaper(order, level), *kept]
+    return [*head, _named(first), cost, *second, *_subject(choice, order, level), *kept]
 
 
 def _named(place: Place, *more: str) -> Cell:
@@ -147,21 +139,8 @@ def _subject(choice: Choice, order: Sequence[Place], level: float) -> Line:
     if not best.costs:
         return [name, NOTHING, NOTHING, *rest]
     number = order.index(best) + 1
-    factor = _factor(best.over(order[0]), order[0], level) if number > 1 else Cell(_own_factor(order, level))
-    tone = "good" if number == 1 and not best.missing and _alone(best, order[1:], level) else ""
-    return [name, Cell(f"{number} of {len(order)}", tone), factor, *rest]
-
-
-def _alone(best: Place, others: Sequence[Place], level: float) -> bool:
-    """Whether nobody else comes near or may come near."""
-    beside = [ratio for place in others if (ratio := place.over(best))]
-    return not any(ratio.value <= level for ratio in beside) and not (beside and beside[0].at_most)
-
-
-def _own_factor(order: Sequence[Place], level: float) -> str:
-    """The factor of the cheapest itself: none, or that the second is equal."""
-    second = order[1].over(order[0]) if len(order) > 1 else None
-    return EQUAL if second is not None and second.within(level) else NOTHING
+    factor = _factor(best.over(order[0]), order[0], level) if number > 1 else NOTHING
+    return [name, f"{number} of {len(order)}", factor, *rest]
 
 
 def _steady(choice: Choice | None, first: Place, level: float) -> Line:
@@ -175,15 +154,3 @@ def _steady(choice: Choice | None, first: Place, level: float) -> Line:
     more = f"and {others} more" if others else ""
     same = order[0].entry == first.entry
     return [_named(order[0], more), times(1.0) if same else _factor(order[0].over(first), first, level)]
-
-
-def _cheaper(order: Sequence[Place], level: float) -> str | Cell:
-    """Who is farthest below the cheapest, which reaches others, where both reach the error, by more than repeats differ."""
-    first = order[0]
-    beside = [(place, ratio) for place in order[1:] if (ratio := place.over(first)) and not ratio.at_least]
-    cheaper = [(ratio.value, place, ratio) for place, ratio in beside if ratio.value * level < 1]
-    if not cheaper:
-        return NOTHING
-    _, place, ratio = min(cheaper, key=lambda found: found[0])
-    factor = _factor(ratio, first, level)
-    return _named(place, " ".join(filter(None, [factor.text, factor.detail])))

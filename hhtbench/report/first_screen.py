@@ -11,13 +11,13 @@ from hhtbench.campaign.analysis.cells import SUBJECT, family
 from hhtbench.campaign.analysis.kinds import Kind
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.content import Content
-from hhtbench.report.decisions import bound_label, evidence_anchor
+from hhtbench.report.decisions import evidence_anchor
 from hhtbench.report.drawings import Drawings
 from hhtbench.report.elements import folded, html_table
 from hhtbench.report.overview import drift_views, profile_views
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor
-from hhtbench.report.words import SHORT, plural
+from hhtbench.report.words import SHORT, bound_label, plural
 
 
 def decision_section(tables: Mapping[tuple[str, float | None], Table]) -> str:
@@ -55,8 +55,7 @@ def overview(content: Content, styles: Mapping[str, SolverStyle], drawings: Draw
         "Drift against cost at equal accuracy": drift_views(content.rows, styles),
         "Errors reached within a cost": profile_views(content.rows, styles, front),
     }
-    named = {title: {view.name: (view.figure, view.caption) for view in views} for title, views in found.items()}
-    return "\n".join(figure_of(title, title, views, drawings) for title, views in named.items() if views)
+    return "\n".join(figure_of(title, title, views, drawings) for title, views in found.items() if views)
 
 
 def figure_of(identifier: str, title: str, views: Mapping[str, tuple[Any, str]], drawings: Drawings) -> str:

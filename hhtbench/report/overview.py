@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
@@ -23,29 +22,21 @@ from hhtbench.report.series import LEAST_DRIFT
 from hhtbench.report.words import listed, plural, short, weighed
 
 Styles = Mapping[str, SolverStyle]
+Views = dict[str, tuple[dict[str, Any], str]]  # of one figure: name -> drawing, caption
 ROOM = 0.08  # of an axis
 SIZE, LETTER, MARK = (400.0, 200.0), (6.5, 14.0), 8.0  # px: of the figure at its smallest beside another, of texts, of marks
 BESIDE = {"top center": (0, 1), "bottom center": (0, -1), "middle right": (1, 0), "middle left": (-1, 0)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class View:
-    """One of the drawings of a figure."""
-
-    name: str
-    caption: str
-    figure: dict[str, Any]
-
-
-def drift_views(rows: Sequence[RunRow], styles: Styles) -> list[View]:
+def drift_views(rows: Sequence[RunRow], styles: Styles) -> Views:
     """Drift against cost over HHT's, by time and by evaluations; none where HHT reaches the error on no problem."""
-    views = []
+    views = {}
     for measure in ("time", "evaluations"):
         found = analysis.drift_costs(rows, measure)
         drawn = {entry: own for entry, lines in found.items() if (own := [line for line in lines if not line.bound])}
         if drawn:
             caption = _drift_caption(_count(drawn)) + _left_out(found)
-            views.append(View(name=measure, caption=caption, figure=_drift_figure(drawn, measure, styles)))
+            views[measure] = (_drift_figure(drawn, measure, styles), caption)
     return views
 
 
@@ -172,57 +163,37 @@ def _line(x0: float | None = None, y0: float | None = None) -> dict[str, Any]:
     return look | {"yref": "paper", "y0": 0, "y1": 1, "x0": x0, "x1": x0}
 
 
-def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) -> list[View]:
+def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) -> Views:
     """Shares of problem-error pairs within a cost, by time and by evaluations."""
     shown_first = [entry for entry in styles if entry in set(front)]
     by_time, by_count = (analysis.reaches(rows, measure) for measure in ("time", "evaluations"))
-    views = []
-    for name, found, label in (
-        ("time", by_time, "processor time [s]"),
-        ("evaluations", by_count, "evaluations"),
-    ):
+    views = {}
+    for name, found, label in (("time", by_time, "processor time [s]"), ("evaluations", by_count, "evaluations")):
         if any(reach.cost is not None for reach in found):
-            pairs = [(analysis.profiles(found), 1.0), (analysis.profiles(found, "search"), SEARCH)]
-            figure = _profile_figure(pairs, label, styles, shown_first)
-            what = UNKNOWN if name == "time" else f" {weighed(analysis.points(rows))}"
-            views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + what, figure=figure))
+            figure = _profile_figure(analysis.profiles(found), label, styles, shown_first)
+            what = "" if name == "time" else f" {weighed(analysis.points(rows))}"
+            views[name] = (figure, _pairs(found) + what)
     return views
-
-
-SEARCH = 0.35  # opacity of the curves that count the search
-SEARCHED = (
-    " Left and high is better. Strong lines count the first run, from loose to tight, that reaches the error; pale lines "
-    "count all runs up to it, failed ones included."
-)
-UNKNOWN = " A crashed run, whose time is not known, counts with the time that it was allowed."
 
 
 def _pairs(found: Sequence[Reach]) -> str:
     targets = sorted({reach.target for reach in found}, reverse=True)
     problems = plural(len({reach.problem for reach in found}), "problem")
-    return f"Share of all pairs of {problems}, each of the same weight, and errors {targets[0]:.0e} to {targets[-1]:.0e}."
+    return (
+        f"Left and high is better. Share of all pairs of {problems}, each of the same weight, and errors {targets[0]:.0e} "
+        f"to {targets[-1]:.0e} that a solver reaches within a cost: that of its loosest run that does."
+    )
 
 
-def _lost(found: Sequence[Reach]) -> str:
-    """How many steps of the strong curves the pale ones lack."""
-    count = sum(reach.cost is not None and reach.search is None for reach in found)
-    return f" {plural(count, 'reached pair')} in no pale line: an earlier run reported no cost." if count else ""
-
-
-def _profile_figure(
-    drawn: Sequence[tuple[Sequence[Profile], float]], label: str, styles: Styles, front: Sequence[str]
-) -> dict[str, Any]:
-    costs = [cost for found, _ in drawn for profile in found for cost in profile.cost]
-    x = _limits(costs)
-    data = []
-    for found, opacity in drawn:
-        known = {profile.entry: profile for profile in found}
-        data += [_staircase(known[entry], styles[entry], opacity, 10.0 ** x[1]) for entry in styles if entry in known]
+def _profile_figure(found: Sequence[Profile], label: str, styles: Styles, front: Sequence[str]) -> dict[str, Any]:
+    x = _limits(cost for profile in found for cost in profile.cost)
+    known = {profile.entry: profile for profile in found}
+    data = [_staircase(known[entry], styles[entry], 10.0 ** x[1]) for entry in styles if entry in known]
     y_axis = axis("share reached", [0.0, 1.02], False) | {"tickformat": ".0%"}
     return {"data": data, "layout": layout_of(axis(label, x, True), y_axis), "front": list(front)}
 
 
-def _staircase(profile: Profile, style: SolverStyle, opacity: float, end: float) -> dict[str, Any]:
+def _staircase(profile: Profile, style: SolverStyle, end: float) -> dict[str, Any]:
     """From the first cost to the right edge."""
     share = [0.0, *profile.share]
     cost = [*profile.cost[:1], *profile.cost, end] if profile.cost else [end]
@@ -232,8 +203,7 @@ def _staircase(profile: Profile, style: SolverStyle, opacity: float, end: float)
         "mode": "lines",
         "x": [rounded(value) for value in cost],
         "y": [rounded(value) for value in [*share, share[-1]][: len(cost)]],
-        "line": style.line | {"shape": "hv", "width": style.width if opacity == 1.0 else 1.2},
-        "opacity": opacity,
+        "line": style.line | {"shape": "hv"},
         "hovertemplate": "<b>%{fullData.name}</b><br>%{y:.0%} within %{x:.3g}<extra></extra>",
     }
 

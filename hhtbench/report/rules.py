@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hhtbench.campaign import analysis
-from hhtbench.campaign.analysis.cells import Point, Rules, family
+from hhtbench.campaign.analysis.cells import Point, Rules
 from hhtbench.campaign.analysis.fronts import BOUNDS, SAME, level_of, targets_of
 from hhtbench.campaign.analysis.ladder import FIRST, MOST, STANDSTILL
 from hhtbench.campaign.store.rows import RunRow
@@ -15,7 +15,7 @@ from hhtbench.report.words import listed, plural, seconds, times
 def rules(rows: Sequence[RunRow]) -> list[str]:
     """One sentence or two for each rule."""
     runs = analysis.points(rows)
-    made = [*_ladder(runs), _targets(runs), _references(rows, runs), _coordinates(runs)]
+    made = [*_ladder(runs), _targets(runs), _references(rows, runs)]
     return [*made, _drift(), *_clock(rows, runs), _held_out(runs)]
 
 
@@ -75,15 +75,6 @@ def _references(rows: Sequence[RunRow], runs: Sequence[Point]) -> str:
         f"Errors are taken against a closed solution on {plural(closed, 'problem')}, and on {stored} against a reference on "
         f"which two families of methods agree. Errors below the reference's own error bar{bars} are not ranked."
     )
-
-
-def _coordinates(runs: Sequence[Point]) -> str:
-    minimal = [run for run in runs if run.entry.startswith("minimal(") and run.status != "declined"]
-    if not minimal:
-        return "No solver was run on minimal coordinates."
-    who = listed(list(dict.fromkeys(family(run.entry) for run in minimal)))
-    where = listed(list(dict.fromkeys(run.problem for run in minimal)))
-    return f"On minimal coordinates were run: {who}, on {where}."
 
 
 def _drift() -> str:

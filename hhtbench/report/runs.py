@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.accuracy import Slope
-from hhtbench.campaign.analysis.cells import DOUBTED, NEAR, TYPICAL_ERROR, Point, by_entry, typical
-from hhtbench.campaign.analysis.drift import equally_accurate
+from hhtbench.campaign.analysis.cells import DOUBTED, TYPICAL_ERROR, Point, by_entry, typical
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.colours import solver_order
 from hhtbench.report.tables import Cell, Table, make_table, ordered
-from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, shown, timed
+from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, timed
 
 COUNTS = {
     "steps_rejected_error": "rejected by error",
@@ -127,26 +126,3 @@ def _counted(rows: Sequence[RunRow]) -> str:
         settings.setdefault(run.entry, []).append(run.setting.text)
     parts = {entry: own[0] if len(own) == 1 else f"{len(own)} runs" for entry, own in settings.items()}
     return "; ".join(f"{entry}, {parts[entry]}" for entry in solver_order(parts))
-
-
-def equal_drift(rows: Sequence[RunRow]) -> Table:
-    """For every solver the largest drift among its runs of one accuracy, and where it was."""
-    total = len(analysis.problems(rows))
-    found = equally_accurate(rows)
-    body: list[list[str | Cell]] = []
-    for entry in solver_order(found):
-        runs = found[entry]
-        cells: list[str | Cell] = [entry, f"{len(runs)} of {total}"]
-        for level in ("position", "absolute", "velocity"):
-            values = [(getattr(run, level), run) for run in runs if getattr(run, level) is not None]
-            value, worst = max(values, key=lambda pair: pair[0], default=(None, None))
-            where = "" if worst is None else f"{worst.problem}, {worst.setting.text}, error {shown(worst.error)}"
-            cells.append(Cell(shown(value), "", where))
-        body.append(cells)
-    note = (
-        f"On each problem the solver's run nearest to the error {TYPICAL_ERROR:.0e}, where that is within a factor {NEAR:g} "
-        "of it, so that nobody has small drift only by being more accurate. Drifts are the largest over time, over internal "
-        "steps where a solver returns them; position and velocity are scaled by the problem's own sizes, max |g| is not."
-    )
-    headers = ["solver", "problems with such a run", "largest position drift", "largest max |g|", "largest velocity drift"]
-    return make_table(headers, body, note)

@@ -112,6 +112,11 @@ def bound_of(at_most: bool, at_least: bool) -> str:
     return {(True, False): "at most ", (False, True): "at least ", (True, True): "about "}.get((at_most, at_least), "")
 
 
+def bound_label(bound: float | None) -> str:
+    """A bound of the drift on a button, in a table."""
+    return "any" if bound is None else f"{AT_MOST} {bound:.0e}"
+
+
 def bounded(bound: float | None) -> str:
     """A bound of the drift, as the end of a clause."""
     return "whatever the drift" if bound is None else f"with drift of at most {bound:.0e}"

@@ -62,7 +62,6 @@ class Point:
     first: float | None  #: time of a solve before all others, compilation included [s]
     repeats: tuple[float, ...]  #: the same of every repeat, taken at different times [s]
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
-    allowed: float | None  #: what the solve was allowed [s]
     rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
     held_out: bool  #: of a problem that was not looked at while defaults were tuned
     alone: bool  #: the time was taken alone on a core, not beside other work
@@ -203,7 +202,6 @@ def _reduced(row: RunRow) -> Point:
         first=number(row.timing, "compile_s"),
         repeats=tuple(float(value) for value in row.timing.get("rounds_s") or [] if value),
         spent=_spent(row),
-        allowed=number(row.request, "max_seconds"),
         rules=rules_of(row),
         held_out=row.request.get("held_out") is True,
         alone=alone is not None,
