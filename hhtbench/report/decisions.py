@@ -19,6 +19,8 @@ from hhtbench.report.words import EQUAL, KINDS, MEASURES, NOTHING, plural, repea
 KEPT_BY = f"keeps drift below {STEADY:.0e}"
 ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
 
+SAME_COST = 1.005  # factor up to which costs of one solver with and without a bound of the drift are the same
+
 Line = list[str | Cell]
 Choices = Mapping[tuple[str, float | None], Sequence[Choice]]  # by measure and bound of the drift
 
@@ -146,11 +148,17 @@ def _subject(choice: Choice, order: Sequence[Place], level: float) -> Line:
 def _steady(choice: Choice | None, first: Place, level: float) -> Line:
     """The cheapest who keeps the drift, how many others do wherever they are asked, and its factor."""
     if choice is None:
-        return ["no constraints", NOTHING]
+        return ["no drift", NOTHING]
     order = ranked(choice)
     if not order:
         return [_nobody(choice), NOTHING]
     others = sum(len(place.costs) == len(choice.problems) for place in order[1:])
     more = f"and {others} more" if others else ""
-    same = order[0].entry == first.entry
-    return [_named(order[0], more), times(1.0) if same else _factor(order[0].over(first), first, level)]
+    factor = times(1.0) if same_cost(order[0], first) else _factor(order[0].over(first), first, level)
+    return [_named(order[0], more), factor]
+
+
+def same_cost(steady: Place, first: Place) -> bool:
+    """Whether the cheapest keeps the drift as it is, without a tighter setting."""
+    ratio = steady.over(first)
+    return steady.entry == first.entry and ratio is not None and ratio.value < SAME_COST

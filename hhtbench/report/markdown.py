@@ -14,7 +14,6 @@ from hhtbench.report.rules import campaign_line
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, duration, group_of, groups, verdict
 
-MAX_SUMMARY_LINES = 200
 MAX_SUMMARY_ROWS = 42  # of each of its tables, and sentences on kinds: with these it stays below the lines
 
 CLAIMS = """\
@@ -43,7 +42,7 @@ def markdown(evidence: Evidence, command: str) -> str:
 
 
 def summary_page(content: Content, command: str, evidence: Evidence | None = None) -> str:
-    """What a campaign came to, for the log of a build: at most ``MAX_SUMMARY_LINES`` lines, however many rows."""
+    """What a campaign came to, for the log of a build: at most 200 lines, however many rows."""
     losses = [escape_text(content.losses)] if content.losses else []
     advice = "\n".join(f"- {escape_text(text)}" for text in content.recommendations[-MAX_SUMMARY_ROWS:])
     parts = [f"# {TITLE}", *losses, "## What to take", *_shortened(content.decisions["time", None]), *filter(None, [advice])]

@@ -19,7 +19,7 @@ from hhtbench.report.chart import axis, layout_of, rounded
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.frame import limits
 from hhtbench.report.series import LEAST_DRIFT
-from hhtbench.report.words import listed, plural, short, weighed
+from hhtbench.report.words import plural, short, weighed
 
 Styles = Mapping[str, SolverStyle]
 Views = dict[str, tuple[dict[str, Any], str]]  # of one figure: name -> drawing, caption
@@ -55,12 +55,9 @@ def _count(found: Mapping[str, Sequence[DriftCost]]) -> int:
 
 def _left_out(found: Mapping[str, Sequence[DriftCost]]) -> str:
     """Where a cost at the error is not known, since the cheapest run is more accurate."""
-    lines = [line for own in found.values() for line in own]
-    problems = list(dict.fromkeys(line.problem for line in lines if line.own.bound))
-    others = Counter(line.cost.entry for line in lines if line.cost.bound and not line.own.bound)
-    parts = [f"of HHT's on {plural(len(problems), 'problem')} ({listed(problems)})"] if problems else []
-    parts += [f"of {short(entry)} on {number}" for entry, number in others.items()]
-    return f" Left out, because the cheapest run is more accurate than asked: {'; '.join(parts)}." if parts else ""
+    bounds = Counter({entry: sum(line.bound for line in lines) for entry, lines in found.items()})
+    parts = [f"{short(entry)} on {number}" for entry, number in bounds.items() if number]
+    return f" Left out, because the cheapest run or HHT's is more accurate than asked: {'; '.join(parts)}." if parts else ""
 
 
 def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles: Styles) -> dict[str, Any]:

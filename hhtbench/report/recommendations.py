@@ -10,18 +10,17 @@ from hhtbench.campaign.analysis.decision import Choice, Place, Ratio
 from hhtbench.campaign.analysis.fronts import STEADY
 from hhtbench.campaign.analysis.kinds import CONSTRAINTS, Kind
 from hhtbench.campaign.analysis.missing import NOT_RUN
-from hhtbench.report.decisions import Choices, basis, best_subject, ranked, reach_of, why
+from hhtbench.report.decisions import Choices, basis, best_subject, ranked, reach_of, same_cost, why
 from hhtbench.report.words import KINDS, listed, plural
 
 USUAL_ERROR = 1e-4
 MIN_PROBLEMS = 3  # fewer are named as a hint
-SCENES = dict(
-    zip(
-        CONSTRAINTS.values(),
-        ("joints", "joints and rolling contacts", "rolling or skating contacts", "unconstrained systems"),
-        strict=True,
-    )
-)
+SCENES = {
+    CONSTRAINTS[True, False]: "joints",
+    CONSTRAINTS[True, True]: "joints and rolling contacts",
+    CONSTRAINTS[False, True]: "rolling or skating contacts",
+    CONSTRAINTS[False, False]: "unconstrained systems",
+}
 FORCES = {False: " with smooth forces", True: " with stiff forces", None: ""}
 
 
@@ -83,21 +82,27 @@ def _versus_subject(first: Place, best: Place | None, others: Sequence[Place], l
 def _times(ratio: Ratio, inverse: bool = False) -> str:
     """``about 8 times cheaper``; ``inverse``: of the dearer over the cheaper one's side."""
     factor = 1 / ratio.value if inverse else ratio.value
-    value = f"{factor:,.0f}" if factor >= 3 else f"{factor:.1f}"
     bounds = (ratio.at_least, ratio.at_most) if inverse else (ratio.at_most, ratio.at_least)
-    return f"{ ({(True, False): 'up to', (False, True): 'at least'}.get(bounds, 'about')) } {value} times cheaper"
+    return f"{ ({(True, False): 'up to', (False, True): 'at least'}.get(bounds, 'about')) } {_number(factor)} times cheaper"
+
+
+def _number(factor: float) -> str:
+    return f"{factor:,.0f}" if factor >= 3 else f"{factor:.1f}"
 
 
 def _steadiness(first: Place, steady: Choice | None) -> str:
     """Whether the cheapest keeps the drift of the constraints, and whom to take where it does not."""
-    order = [] if steady is None else ranked(steady)
     if steady is None:
         return ""
-    kept = next((place for place in order if place.entry == first.entry), None)
-    if kept is not None and len(kept.costs) >= len(first.costs):
-        return f" Its drift stays below {_power(STEADY)}."
-    other = f"there take {order[0].entry}" if order else "nobody's does"
-    return f" Its drift does not stay below {_power(STEADY)} on all of them; {other}."
+    kept, bound = ranked(steady), f"drift below {_power(STEADY)}"
+    own = next((place for place in kept if place.entry == first.entry), None)
+    if own is None or len(own.costs) < len(first.costs):
+        return f" It does not keep {bound}; {f'{kept[0].entry} does' if kept else 'nobody does'}."
+    ratio = own.over(first)
+    dearer = (
+        "" if ratio is None or same_cost(own, first) else f" with tighter settings, at {_number(ratio.value)} times the cost"
+    )
+    return f" It keeps {bound}{dearer}."
 
 
 def _exceptions(found: Sequence[Choice], steady: Sequence[Choice], level: float) -> list[str]:

@@ -85,7 +85,8 @@ def _chart(
     order = solver_order(series.point.entry for series in found)  # HHT's thick lines first, below the others'
     for series in sorted(found, key=lambda series: order.index(series.point.entry)):
         run = series.point
-        t, value = _thinned(series, end) if logarithmic_y else _strided(series)
+        stride = -(-len(series.t) // MAX_POINTS)
+        t, value = _thinned(series, end) if logarithmic_y else (series.t[::stride], series.value[::stride])
         component = "" if series.component is None else f"component {series.component}<br>"
         traces.append(Trace(entry=run.entry, x=t, y=value, note=f"{component}{described(run)}"))
         if not run.success:
@@ -135,9 +136,3 @@ def _thinned(series: TimeSeries, end: float) -> tuple[tuple[float, ...], tuple[f
             largest[stretch] = max(value, largest.get(stretch, LEAST_DRIFT))
     width = (end - start) / MAX_POINTS
     return tuple(start + (stretch + 0.5) * width for stretch in largest), tuple(float(f"{y:.1e}") for y in largest.values())
-
-
-def _strided(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
-    """At most ``MAX_POINTS``, of values that may be negative: every second, third, ... one."""
-    stride = -(-len(series.t) // MAX_POINTS)
-    return series.t[::stride], series.value[::stride]
