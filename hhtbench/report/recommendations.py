@@ -145,4 +145,5 @@ def _against(winner: str, choice: Choice, level: float) -> str:
     ratio = place.over(order[0])
     if ratio is None or len(place.costs) < len(order[0].costs):
         return f"it reaches {reach_of(place)} problems; take {other}"
-    return "" if ratio.within(level) else f"{other} is {_times(ratio)}"
+    unclear = ratio.value <= level and (ratio.at_most or not ratio.at_least)
+    return "" if unclear else f"{other} is {_times(ratio)}"

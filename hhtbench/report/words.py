@@ -128,7 +128,13 @@ def outcome(line: Comparison) -> str:
         return "HHT does not reach it"
     if line.outcome == "unknown":
         reason = line.own_missing
-        return reason.text if reason is not None else "no HHT run" if line.subject is None else "nobody to compare with"
+        return (
+            reason.text
+            if reason is not None
+            else "no HHT run"
+            if line.subject is None
+            else "no other solver to compare with"
+        )
     texts = {"alone": "only HHT reaches it", "unheld": "the others drift more"}
     return texts.get(line.outcome) or f"{VERBS.get(line.outcome, line.outcome)} {factor(line)}"
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 from dataclasses import replace
 from html import escape
@@ -19,7 +20,7 @@ from hhtbench.report.markdown import escape_text, markdown_table
 from hhtbench.report.tables import make_table
 from tests.analysis.laws import failed, law
 from tests.report.conftest import COMMAND
-from tests.report.drawings import embedded, figures_of, opened
+from tests.report.drawings import embedded, figures_of, opened, scripts_of
 from tests.report.synthetic import PROBLEMS, SOLVERS
 
 MOST_BYTES = 3e6
@@ -77,6 +78,17 @@ def test_page_fetches_nothing_and_holds_plotly_once(page, parsed):
     assert "@import" not in page.partition("</style>")[0]
     assert embedded(page, "plotly").startswith(f"/**\n* plotly.js (basic - minified) v{get_plotlyjs_version()}")
     assert len(page) < MOST_BYTES
+
+
+def test_tables_and_figures_of_problems_are_compressed_until_they_are_opened(page, whole):
+    assert page.count("<td") < whole.count("<td") / 8
+    (first,) = [json.loads(text) for name, text in scripts_of(page) if name == "figures"]
+    assert len(first["figures"]) == 4 < len(figures_of(page)) / 10
+
+
+def test_a_name_with_its_options_is_never_broken(whole):
+    text = re.sub(r'<span class="whole">.*?</span>', "", re.sub(r"<td>[^<]*", "<td>", whole.partition("<body>")[2]))
+    assert not re.findall(r'<(?:li|p|small)[^>]*>[^<]*\w\([a-z]+=', text)
 
 
 def test_links_lead_somewhere(whole, parsed):

@@ -53,8 +53,8 @@ class Point:
     message: str
     success: bool
     error: float | None  #: :func:`state_error`; None where the run failed or nothing was compared
-    doubted: float | None  #: error of a run that came to an end but is not believed; shown, never ranked
-    lam: float | None  #: scaled error of the multipliers of position constraints, also of a run that is not believed
+    doubted: float | None  #: error of a run whose result was rejected; shown, never ranked
+    lam: float | None  #: scaled error of the multipliers of position constraints, also of a run whose result was rejected
     mu: float | None  #: the same of velocity constraints
     compared: int | None  #: number of times at which the error was taken
     limit: float  #: error below which the reference cannot judge; 0 for an exact solution
@@ -63,7 +63,7 @@ class Point:
     repeats: tuple[float, ...]  #: the same of every repeat, taken at different times [s]
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
     rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
-    held_out: bool  #: of a problem that was not looked at while defaults were tuned
+    held_out: bool  #: of a problem that played no part in the choice of defaults
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve

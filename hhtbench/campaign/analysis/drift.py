@@ -12,7 +12,7 @@ from hhtbench.campaign.analysis.cells import NEAR, TYPICAL_ERROR, Point, by_prob
 from hhtbench.campaign.analysis.fronts import Cost, fronts
 from hhtbench.campaign.store.rows import RunRow
 
-MOST_COMPONENTS = 3  # of the multipliers drawn over time: more lines cannot be told apart
+MOST_COMPONENTS = 3  # of the multipliers drawn over time: more lines cannot be distinguished
 
 
 @dataclass(frozen=True, kw_only=True)
