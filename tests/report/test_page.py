@@ -88,7 +88,7 @@ def test_tables_and_figures_of_problems_are_compressed_until_they_are_opened(pag
 
 def test_a_name_with_its_options_is_never_broken(whole):
     text = re.sub(r'<span class="whole">.*?</span>', "", re.sub(r"<td>[^<]*", "<td>", whole.partition("<body>")[2]))
-    assert not re.findall(r'<(?:li|p|small)[^>]*>[^<]*\w\([a-z]+=', text)
+    assert not re.findall(r"<(?:li|p|small)[^>]*>[^<]*\w\([a-z]+=", text)
 
 
 def test_links_lead_somewhere(whole, parsed):
