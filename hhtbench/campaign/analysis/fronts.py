@@ -44,17 +44,17 @@ class Front:
         """Everybody who was run on the problem."""
         return (*(cost.entry for cost in self.costs), *self.missing)
 
+    @property
+    def subject(self) -> Cost | None:
+        """The cheapest of the subject's entries."""
+        return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison(Front):
     """The best entry of the subject against the best other solver."""
 
     level: float = 1.0  #: factors up to it are level: repeats of one solve differ by as much
-
-    @property
-    def subject(self) -> Cost | None:
-        """The cheapest of the subject's entries."""
-        return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
 
     @property
     def rival(self) -> Cost | None:
@@ -68,7 +68,7 @@ class Comparison(Front):
 
     @property
     def outcome(self) -> str:
-        """ "wins", "loses", "level"; "absent" (the subject does not get there), "alone" (nobody else does), "unheld" (others
+        """ "wins", "loses", "level"; "absent" (the subject does not reach it), "alone" (no other does), "unheld" (others
         only with more drift), "unknown" (nothing is known of one side).
         """
         if self.factor is not None:
@@ -113,7 +113,7 @@ def pareto(runs: Iterable[Point], measure: str) -> tuple[Point, ...]:
 
 
 def cost_at(runs: Sequence[Point], target: float, measure: str) -> Cost | None:
-    """Work of one solver at the error ``target``; None where no run gets there."""
+    """Work of one solver at the error ``target``; None where no run reaches it."""
     best = pareto(runs, measure)
     reached = next((index for index, run in enumerate(best) if _error(run) <= target), None)
     if reached is None:

@@ -1,8 +1,8 @@
 """The ladder of settings of one solver on one problem: which is asked for next, or why there is no further one.
 
 The same for every solver: it starts at ``FIRST``, every next setting is finer and aims at the loosest target not reached, by
-the slope of the errors so far.  It ends when all targets are reached or at a stated cap.  Nothing but the runs and the rules
-decides, so that a resumed campaign asks for nothing twice, and the report can say why a target was not reached.
+the slope of the errors so far.  It ends when all targets are reached or at a limit of the campaign.  Nothing but the runs
+and the rules decides, so that a resumed campaign asks for nothing twice, and the report can say why a target was missed.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ NUMBER = re.compile(r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """Runs that failed or are not believed for one reason: of one status, and messages that differ by numbers at most."""
+    """Runs that failed or were rejected for one reason: of one status, and messages that differ by numbers at most."""
 
     status: str
     message: str  #: of the first
@@ -32,7 +32,7 @@ class Failure:
 
     @property
     def reached(self) -> float | None:
-        """Largest fraction of the interval; None for runs that are not believed."""
+        """Largest fraction of the interval; None for runs whose result was rejected."""
         known = [] if self.status == DOUBTED else [point(row).reached for row in self.rows]
         return max((value for value in known if value is not None), default=None)
 
@@ -44,7 +44,7 @@ def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
 
 
 def failures(rows: Iterable[RunRow]) -> tuple[Failure, ...]:
-    """Every run that failed or is not believed, by reason; what was declined comes last."""
+    """Every run that failed or was rejected, by reason; declined runs come last."""
     groups: dict[tuple[str, str], list[RunRow]] = {}
     for row in rows:
         if not row.success:
