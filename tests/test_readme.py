@@ -28,7 +28,7 @@ def numbers(text: str) -> list[float]:
 @pytest.fixture(scope="module")
 def example():
     """What the first block defines, and what it prints."""
-    scope: dict = {}
+    scope: dict = {"__name__": "__main__"}
     with redirect_stdout(StringIO()) as printed:
         exec(compile(EXAMPLE, "README.md", "exec"), scope)
     return scope, printed.getvalue()

@@ -65,6 +65,8 @@ class Trade(Printed):
     def sentence(self) -> str:
         """The solver to take, or what each candidate reported where there is none."""
         found = sentence(self.fronts, self.criteria)
+        if not found and not self.rows and not self.unknown:
+            return f"Cannot tell: the reference took the {self.seconds:.0f} s that were given; give more seconds."
         if not found:
             return failure(self._said(), [row.status for row in self.rows], self.unknown)
         untried = sum(why == UNTRIED for why in self.left_out.values())

@@ -19,6 +19,7 @@ from hhtbench.catalogue.specs import Spec
 NUMERICS = ("hhtbench.campaign.run",)  #: what turns problem and solver into numbers; its imports are followed
 ALWAYS = ("numpy", "scipy", "jax", "jaxlib", "equinox")
 NOT_DATA = {".py", ".pyc", ".md"}
+NAMED_BY_STEM = {".json", ".toml"}  #: data that a module may name without its ending; others are often results
 
 
 @dataclass(frozen=True)
@@ -109,12 +110,14 @@ class SourceReader:
         return self._read[module.file]
 
     def _data(self, module: _Module) -> Iterator[tuple[str, str]]:
-        """Data files in the module's folder whose name, with or without ending, the module mentions."""
+        """Data files in the module's folder, and in those below it, whose names are strings of the module."""
         words = self._reading(module).words
-        folders = [module.file.parent, *(f for f in module.file.parent.iterdir() if f.is_dir())]
+        inner = (f for f in module.file.parent.iterdir() if f.is_dir() and f.suffix != ".references")  # beside a store
+        folders = [module.file.parent, *inner]
         for folder in folders:
             for file in sorted(folder.iterdir()):
-                if file.suffix not in NOT_DATA and (file.name in words or file.stem in words) and file.is_file():
+                named = file.name in words or (file.suffix in NAMED_BY_STEM and file.stem in words)
+                if named and file.suffix not in NOT_DATA and file.is_file():
                     name = file.relative_to(module.file.parent).as_posix()
                     yield f"{module.name}: {name}", hashlib.sha256(file.read_bytes()).hexdigest()
 

@@ -19,7 +19,7 @@ from hhtbench.catalogue import plugins
 from hhtbench.catalogue.packages import own_folder
 from hhtbench.catalogue.specs import Spec, parse_spec
 from hhtbench.protocol.errors import ProblemError, did_you_mean
-from hhtbench.protocol.system import Problem, Solver, System
+from hhtbench.protocol.system import NumpySystem, Problem, Solver, System
 
 if TYPE_CHECKING:
     from hhtbench.protocol.evidence import Evidence
@@ -75,6 +75,9 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
         if parameters:
             _refuse_arguments(f"the problem {spec.name}", parameters)
         return spec
+    if isinstance(spec, System | NumpySystem):
+        start = "hhtbench.Problem(name=..., system=..., t_span=..., q0=..., v0=...)"
+        raise ProblemError(f"a {type(spec).__name__} has neither start nor interval: give {start}.")
     if is_held(spec):
         return _HELD.get()[spec]
     found = parse_spec(spec)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from hhtbench.mechanics.shapes import expect_pairs, expect_rows
+from hhtbench.mechanics.shapes import expect_bodies, expect_pairs, expect_rows, expect_split
 
 
 class Placement(NamedTuple):
@@ -25,7 +25,7 @@ class Placement(NamedTuple):
 
 def placed_with_ground(q: Array) -> Placement:
     """k bodies of ``q`` (3 k,) and the ground as number k (or -1), its frame that of the plane."""
-    bodies = jnp.concatenate([q.reshape(-1, 3), jnp.zeros((1, 3))])
+    bodies = jnp.concatenate([expect_split("q", q, 3), jnp.zeros((1, 3))])
     return Placement(bodies[:, :2], bodies[:, 2])
 
 
@@ -44,19 +44,19 @@ def points_on(at: Placement, body: Any, local: Any, name: str = "local") -> Arra
     ValueError
         ``local``, which the text calls ``name``, has another shape.
     """
-    body = jnp.asarray(body)
+    body = expect_bodies("body", body, len(at.x))
     return at.x[body] + turned(at.angle[body], expect_rows(name, local, body, 2))
 
 
 def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
     """Points ``a`` (j, 2) of bodies ``first`` less points ``b`` of bodies ``second``, (2 j,) [m]: pins."""
-    first, second = expect_pairs(first, second)
+    first, second = expect_pairs(first, second, len(at.x))
     return (points_on(at, first, a, "a") - points_on(at, second, b, "b")).ravel()
 
 
 def slot_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, along: Any) -> Array:
     """Pins at ``a`` of ``first`` in slots of ``second`` through ``b`` in the unit directions ``along`` (j, 2), (j,) [m]."""
-    first, second = expect_pairs(first, second)
+    first, second = expect_pairs(first, second, len(at.x))
     apart = points_on(at, first, a, "a") - points_on(at, second, b, "b")
     direction = turned(at.angle[second], expect_rows("along", along, second, 2))
     return direction[:, 0] * apart[:, 1] - direction[:, 1] * apart[:, 0]
@@ -64,7 +64,7 @@ def slot_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, along: Any
 
 def angle_rows(at: Placement, first: Any, second: Any, angle: Any = 0.0) -> Array:
     """Angles of ``first`` less those of ``second`` less ``angle`` (j,), (j,) [rad]."""
-    first, second = expect_pairs(first, second)
+    first, second = expect_pairs(first, second, len(at.x))
     return at.angle[first] - at.angle[second] - jnp.asarray(angle)
 
 
@@ -78,21 +78,27 @@ def velocity_at(v: Array, body: Any, offset: Any) -> Array:
 
     A body rolls where this is zero at its point of contact: a velocity constraint.
     """
-    body = jnp.asarray(body)
-    bodies, offset = v.reshape(-1, 3)[body], expect_rows("offset", offset, body, 2)
+    velocities = expect_split("v", v, 3)
+    body = expect_bodies("body", body, len(velocities))
+    bodies, offset = velocities[body], expect_rows("offset", offset, body, 2)
     rate = bodies[..., 2:]
     return bodies[..., :2] + rate * jnp.stack([-offset[..., 1], offset[..., 0]], axis=-1)
 
 
 def mass_of_bodies(m: Any, J: Any) -> Array:
     """Diagonal (3 k,) of the mass matrix: masses ``m`` (k,) [kg], moments ``J`` (k,) about the centres [kg m^2]."""
-    return jnp.stack([jnp.asarray(m), jnp.asarray(m), jnp.asarray(J)], axis=-1).ravel()
+    m, J = jnp.asarray(m), jnp.asarray(J)
+    if m.ndim != 1 or m.shape != J.shape:
+        raise ValueError(f"m and J must hold a number for each body; got shapes {m.shape} and {J.shape}.")
+    return jnp.stack([m, m, J], axis=-1).ravel()
 
 
 def weight_of_bodies(m: Any, gravity: Any) -> Array:
     """Generalised forces (3 k,) of the weights; ``gravity`` (2,) [m/s^2]."""
-    m = jnp.asarray(m)
-    return jnp.concatenate([m[:, None] * jnp.asarray(gravity), jnp.zeros((m.size, 1))], axis=1).ravel()
+    m, gravity = jnp.asarray(m), jnp.asarray(gravity)
+    if gravity.shape != (2,):
+        raise ValueError(f"gravity must have the shape (2,); got {gravity.shape}.")
+    return jnp.concatenate([m[:, None] * gravity, jnp.zeros((m.size, 1))], axis=1).ravel()
 
 
 def energy_of_bodies(q: Array, v: Array, m: Any, J: Any, gravity: Any) -> Array:

@@ -27,7 +27,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.mechanics.shapes import expect_pairs, expect_rows
+from hhtbench.mechanics.shapes import expect_bodies, expect_pairs, expect_rows, expect_split
 
 
 def rate_tensor(side: float) -> Any:
@@ -89,7 +89,7 @@ def rotational_force(p: Array, pdot: Array, J: Any) -> Array:
 
 def split(q: Any) -> tuple[Array, Array]:
     """Centres (k, 3) and quaternions (k, 4) of ``q`` (7 k,); velocities split alike."""
-    bodies = q.reshape(-1, 7)
+    bodies = expect_split("q", jnp.asarray(q), 7)
     return bodies[:, :3], bodies[:, 3:]
 
 
@@ -148,19 +148,19 @@ def points_on(at: Placement, body: Any, local: Any, name: str = "local") -> Arra
     ValueError
         ``local``, which the text calls ``name``, has another shape.
     """
-    body = jnp.asarray(body)
+    body = expect_bodies("body", body, len(at.x))
     return at.x[body] + jnp.einsum("jab,jb->ja", at.R[body], expect_rows(name, local, body, 3))
 
 
 def spherical_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
     """Points ``a`` of bodies ``first`` less points ``b`` of bodies ``second``, (3 j,) [m]."""
-    first, second = expect_pairs(first, second)
+    first, second = expect_pairs(first, second, len(at.x))
     return (points_on(at, first, a, "a") - points_on(at, second, b, "b")).ravel()
 
 
 def perpendicular_rows(at: Placement, first: Any, second: Any, across: Any, axis: Any) -> Array:
     """Two directions ``across`` (j, 2, 3) of ``first`` times ``axis`` (j, 3) of ``second``, (2 j,)."""
-    first, second = expect_pairs(first, second)
+    first, second = expect_pairs(first, second, len(at.x))
     turned = jnp.einsum("jcb,jab->jca", expect_rows("across", across, first, 2, 3), at.R[first])
     return jnp.einsum("jca,jab,jb->jc", turned, at.R[second], expect_rows("axis", axis, second, 3)).ravel()
 

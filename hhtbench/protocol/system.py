@@ -344,7 +344,12 @@ class Problem(Printed):
         q0 = real_vector("q0", self.q0)
         if q0.size == 0:
             raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
-        v0 = real_vector("v0", self.v0, q0.size)
+        if np.shape(self.v0) != q0.shape:
+            raise ProblemError(f"v0 must have shape {q0.shape}; got {np.shape(self.v0)}. It has one entry for each of q0.")
+        v0 = real_vector("v0", self.v0)
+        if isinstance(self.system, type):
+            name = self.system.__name__
+            raise ProblemError(f"system must be an instance; {name} is the class: write system={name}().")
         if not isinstance(self.t_span, (tuple, list)) or len(self.t_span) != 2:
             raise ProblemError(f"t_span must be two times (start, end) [s]; got {self.t_span!r}.")
         span = tuple(real_number(f"t_span[{i}]", t, unit=" [s]") for i, t in enumerate(self.t_span))

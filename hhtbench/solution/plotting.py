@@ -9,7 +9,7 @@ import numpy as np
 MOST_LINES = 24  # of one panel; the rest is not drawn, and the panel says so
 MOST_NAMED = 8  # lines that a legend names
 WIDTH, HEIGHT = 8.0, 2.0  # of one panel [in]
-UNITS = {"q": "q [m, rad]", "v": "v [m/s, rad/s]", "lam": "lam [N, N m]", "mu": "mu [N, N m]"}
+UNITS = {"q": "q [m, rad]", "v": "v [m/s, rad/s]", "lam": "multipliers lam", "mu": "multipliers mu"}
 
 Lines = dict[str, tuple[Any, Any]]  # name -> t (k,) and values (k,)
 

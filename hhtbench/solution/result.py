@@ -146,6 +146,10 @@ class ErrorEstimate:
     differences: tuple[float, ...]  #: largest, between each run and the next
     settings: tuple[float, ...]  #: of the runs: tolerances, or numbers of steps
 
+    def __repr__(self) -> str:
+        bound = "not known" if self.bound is None else f"{self.bound:.2g}"
+        return f"<ErrorEstimate: asked {self.asked:g}, bound {bound}, {len(self.settings)} runs, rows in .q, .v and .lam>"
+
 
 @dataclass(frozen=True, kw_only=True)
 class Solution(Filled):
@@ -265,7 +269,7 @@ class Solution(Filled):
         try:
             from pandas import DataFrame
         except ModuleNotFoundError as missing:
-            raise ModuleNotFoundError("to_pandas needs pandas: pip install pandas.") from missing
+            raise ModuleNotFoundError("to_pandas needs pandas: pip install 'hhtbench[pandas]'.") from missing
         columns = {f"{name}[{i}]": getattr(self, name)[:, i] for name in ROWS for i in range(getattr(self, name).shape[1])}
         return DataFrame({"t": self.t, **columns})
 

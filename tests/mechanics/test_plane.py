@@ -155,3 +155,21 @@ def test_a_wrong_shape_names_the_argument():
     ):
         with pytest.raises(ValueError, match=reason):
             call()
+
+
+def test_a_body_that_does_not_exist_is_refused():
+    """JAX takes the last body for a number beyond it, which would be another mechanism."""
+    at = plane.placed_with_ground(jnp.zeros(6))
+    for call in (lambda: plane.revolute_rows(at, [0], [7], X, O), lambda: plane.points_on(at, [-4], O)):
+        with pytest.raises(ValueError, match=r"names body (7|-4); there are bodies 0 to 1, and the ground is -1"):
+            call()
+
+
+def test_sizes_that_are_no_bodies_are_refused():
+    for call, reason in (
+        (lambda: plane.placed_with_ground(jnp.zeros(4)), "q must hold 3 numbers for each body"),
+        (lambda: plane.mass_of_bodies([1.0, 2.0], [1.0]), "m and J must hold a number for each body"),
+        (lambda: plane.weight_of_bodies([1.0], [0.0, 0.0, -9.81]), "gravity must have the shape"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            call()

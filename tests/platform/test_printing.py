@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -80,3 +81,25 @@ def test_only_a_problem_without_scales_is_said_to_declare_none():
     given = {"system": hb.load_problem("simple_pendulum").system, "t_span": (0, 1), "q0": [1, 0], "v0": [0, 0]}
     assert "no scales" in hb.Problem(name="own", **given).note_on_scales
     assert hb.Problem(name="own", scales=hb.Scales(q=1.0, v=1.0), **given).note_on_scales == ""
+
+
+class Cart(hb.System):
+    def force(self, t, q, v):
+        made = np.zeros(2)
+        made[0] = jnp.sin(t)  # a habit from NumPy
+        return made
+
+
+def test_frequent_mistakes_lead_to_the_mend():
+    start = {"name": "own", "t_span": (0, 1), "q0": [1, 0], "v0": [0, 0]}
+    for call, hint in (
+        (lambda: hb.Problem(system=Cart, **start), r"write system=Cart\(\)"),
+        (
+            lambda: hb.Problem(system=Cart(), **{**start, "v0": [0, 0, 0]}),
+            "q0 and v0 must have as many entries; got 2 and 3",
+        ),
+        (lambda: hb.solve(Cart(), rtol=1e-3), r"give hhtbench.Problem\(name="),
+        (lambda: hb.solve(hb.Problem(system=Cart(), **start), rtol=1e-3), r"jnp.stack\(\[...\]\) or f = f.at\[0\]"),
+    ):
+        with pytest.raises(hb.ProblemError, match=hint):
+            call()

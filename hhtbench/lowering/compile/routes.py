@@ -59,7 +59,8 @@ def explain_control_flow(error: Exception, system: Any) -> ProblemError:
     return ProblemError(
         f"{type(system).__name__}: {_line(error)} needs a value before there is one: its functions are traced by JAX once "
         "and then serve all t, q, v and parameters, so plain Python (if, while, float(), a function of numpy) cannot use "
-        "those.  Write the choice as jnp.where(condition, a, b) or jax.lax.cond, use jax.numpy instead of numpy, make a "
+        "those.  Write the choice as jnp.where(condition, a, b) or jax.lax.cond, use jax.numpy instead of numpy, put "
+        "entries together by jnp.stack([...]) or f = f.at[0].set(x) instead of f[0] = x, make a "
         "parameter that selects a formula a static field (eqx.field(static=True)), or give the functions as they are to a "
         "NumpySystem."
     )
