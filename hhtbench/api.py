@@ -65,7 +65,7 @@ def solve(
         Wrong use, before any function of the system is called.
     """
     began = time.perf_counter()
-    asked, note = make_request(**request), ""
+    asked, note = make_request(("accuracy", "events", "t_span", "q0", "v0"), **request), ""
     if accuracy is None:
         asked, note = with_tolerance(asked)
     clock = Clock(asked.max_seconds, began)  # it runs while problem and solver are imported, which nothing else can end

@@ -344,9 +344,9 @@ class Problem(Printed):
         q0 = real_vector("q0", self.q0)
         if q0.size == 0:
             raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
-        if np.shape(self.v0) != q0.shape:
-            raise ProblemError(f"v0 must have shape {q0.shape}; got {np.shape(self.v0)}. It has one entry for each of q0.")
-        v0 = real_vector("v0", self.v0)
+        v0 = real_array("v0", self.v0)
+        if v0.shape != q0.shape:
+            raise ProblemError(f"v0 must have shape {q0.shape}; got {v0.shape}. It has one entry for each of q0.")
         if isinstance(self.system, type):
             name = self.system.__name__
             raise ProblemError(f"system must be an instance; {name} is the class: write system={name}().")

@@ -66,11 +66,12 @@ class Request(Filled):
         return self.step is not None or self.steps is not None
 
 
-def make_request(**keywords: Any) -> Request:
-    """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones."""
+def make_request(also: tuple[str, ...] = (), /, **keywords: Any) -> Request:
+    """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones, and those that go ``also``."""
     if unknown := keywords.keys() - NAMES:
-        hint = did_you_mean(min(unknown), KNOWN)
-        raise TypeError(f"unknown request option {', '.join(sorted(unknown))}; known: {', '.join(KNOWN)}.{hint}")
+        known = (*also, *KNOWN)
+        hint = did_you_mean(min(unknown), known)
+        raise TypeError(f"unknown request option {', '.join(sorted(unknown))}; known: {', '.join(known)}.{hint}")
     return Request(**keywords)
 
 

@@ -75,6 +75,8 @@ def test_a_wrong_name_leads_to_one_that_can_be_typed(solver, hint):
 def test_a_wrong_option_of_a_request_leads_to_the_right_one():
     with pytest.raises(TypeError, match=r"Did you mean rtol\?"):
         hb.solve("simple_pendulum", rto=1e-3)
+    with pytest.raises(TypeError, match=r"known: accuracy, .*Did you mean accuracy\?"):
+        hb.solve("simple_pendulum", acuracy=1e-3)
 
 
 def test_only_a_problem_without_scales_is_said_to_declare_none():
@@ -96,7 +98,7 @@ def test_frequent_mistakes_lead_to_the_mend():
         (lambda: hb.Problem(system=Cart, **start), r"write system=Cart\(\)"),
         (
             lambda: hb.Problem(system=Cart(), **{**start, "v0": [0, 0, 0]}),
-            "q0 and v0 must have as many entries; got 2 and 3",
+            "one entry for each of q0",
         ),
         (lambda: hb.solve(Cart(), rtol=1e-3), r"give hhtbench.Problem\(name="),
         (lambda: hb.solve(hb.Problem(system=Cart(), **start), rtol=1e-3), r"jnp.stack\(\[...\]\) or f = f.at\[0\]"),
