@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -13,6 +14,8 @@ import numpy as np
 from scipy import integrate
 
 from hhtbench.protocol.printing import exact
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers._adapter import Adapter, choose
 from solvers._run import Halt, Run
@@ -25,6 +28,12 @@ class SciPySolver(Adapter):
     """One of SciPy's methods; the implicit ones get the form's exact Jacobian."""
 
     library: ClassVar[str] = "scipy"
+
+    def warm_up(self, problem: Problem, request: Request) -> None:
+        """Compile what :meth:`solve` will use; LSODA needs the Jacobian from where it changes to stiff steps."""
+        super().warm_up(problem, request)
+        if self.method == "LSODA":
+            replace(self, method="BDF").warm_up(problem, request)
 
     def drive(self, run: Run) -> None:
         """One solver object, stepped to the end."""

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from solvers.scipy_ivp import SciPySolver
 from tests.lowering.changing import Sprung
 
 SOLVERS = ("ida(form=ggl)", "ida(form=index1)", "cvode", "scipy(method=DOP853)", "projected", "collocation(stages=3)")
@@ -58,3 +59,11 @@ def test_a_solve_leaves_nothing_to_the_garbage_collector(solver, limit):
         pass
     hb.solve(problem, solver, rtol=1e-5, **limit)
     assert gc.collect() == 0
+
+
+def test_lsoda_has_its_jacobian_compiled_before_it_changes_to_stiff_steps(monkeypatch):
+    """Else the second that this takes counts as the solve's, and a campaign calls it too slow."""
+    made, jacobian = [], SciPySolver._jacobian
+    monkeypatch.setattr(SciPySolver, "_jacobian", lambda *given: made.append(given) or jacobian(*given))
+    hb.load_solver("scipy(method=LSODA)").warm_up(hb.load_problem("simple_pendulum"), hb.Request(rtol=1e-3))
+    assert made

@@ -122,7 +122,7 @@ def test_a_frame_has_a_column_for_every_component(swing):
 def test_a_picture_has_the_coordinates_the_estimate_and_the_drift(estimated, swing):
     labels = [axis.get_ylabel() for axis in estimated.plot().axes]
     assert labels == [
-        "q [m, rad]", "v [m/s, rad/s]", "lam [N, N m]", "estimated error / scale", "drift / scale at steps",
+        "q [m, rad]", "v [m/s, rad/s]", "multipliers lam", "estimated error / scale", "drift / scale at steps",
     ]  # fmt: skip
     figure = swing.plot()
     line = figure.axes[0].lines[1]
