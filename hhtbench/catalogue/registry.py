@@ -1,4 +1,4 @@
-"""Problems, solvers and verifications by name, by file or as objects; nothing is imported before it is asked for."""
+"""Load problems, solvers and verifications by name, from a file or as objects; modules are imported when asked for."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ from hhtbench.protocol.system import Problem, Solver, System
 if TYPE_CHECKING:
     from hhtbench.protocol.evidence import Evidence
 
-Counted = Callable[[str, int, int], None]  #: what is counted, how many are done, how many there are
+Counted = Callable[[str, int, int], None]  #: progress: name of the items, number done, number in all
 Verification = Callable[[Counted | None, int], "Evidence"]  # (progress, jobs); rows do not depend on jobs
 
-_HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # by name, in this process
+_HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # name -> problem
 
 _lock = threading.Lock()
-_systems: dict[str, System] = {}  # by spec: the last one that was made
-MAX_SYSTEMS = 16  # that are kept: each holds its arrays and what was derived from it
+_systems: dict[str, System] = {}  # spec -> the System it made last
+MAX_SYSTEMS = 16  # stored: each holds its arrays and compiled functions
 
 THUMBNAILS = "thumbnails"  # folder with drawings, beside the problems
 
 
 def list_problems() -> list[str]:
-    """Names that :func:`load_problem` knows."""
+    """Return the names that :func:`load_problem` accepts."""
     return plugins.names("problem")
 
 
 def list_solvers() -> list[str]:
-    """Names that :func:`load_solver` knows."""
+    """Return the names that :func:`load_solver` accepts."""
     return plugins.names("solver")
 
 
 def list_verifications() -> list[str]:
-    """Names that :func:`load_verification` knows."""
+    """Return the names that :func:`load_verification` accepts."""
     return plugins.names("verification")
 
 
 def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
-    """The problem of a spec: ``planar_chain(n_links=100)``, ``my_file.py:problem(k=1)``; a Problem as it is.
+    """Load the problem of a spec, ``planar_chain(n_links=100)`` or ``my_file.py:problem(k=1)``; return a Problem as it is.
 
-    A spec that makes an equal System again gives that of before, so that what was derived from it serves again.
+    If the spec's System equals the one it made before, the earlier object is used, so that compiled code is reused.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
 
 
 def _known(spec: str, made: System) -> System:
-    """The System that ``spec`` made before where ``made`` is equal to it, else ``made``."""
+    """Return the System stored for ``spec`` if it equals ``made``; else store and return ``made``."""
     with _lock:
         before = _systems.pop(spec, made)
         _systems[spec] = system = before if _equal(before, made) else made
@@ -98,7 +98,7 @@ def _known(spec: str, made: System) -> System:
 
 
 def _equal(one: System, other: System) -> bool:
-    """Whether two systems are of one class with the same values, to the last bit."""
+    """True if two systems have the same class and bitwise equal values."""
     try:
         forms: list[Any] = [jax.tree.structure(x) for x in (one, other)]
         return (
@@ -117,7 +117,7 @@ def _same_array(x: Any, y: Any) -> bool:
 
 @contextmanager
 def holding(problems: Mapping[str, Problem]) -> Iterator[None]:
-    """Inside, these names mean these problems, in this process alone and before any other problem of the name."""
+    """Context manager in which these names mean these problems, before registered ones, in this process only."""
     token = _HELD.set(problems)
     try:
         yield
@@ -126,12 +126,12 @@ def holding(problems: Mapping[str, Problem]) -> Iterator[None]:
 
 
 def is_held(name: str) -> bool:
-    """Whether ``name`` means an object that :func:`holding` was given."""
+    """True if ``name`` is the name of a problem given to :func:`holding`."""
     return name in _HELD.get()
 
 
 def thumbnail_of(name: str) -> Path | None:
-    """The file with the drawing of a registered problem, at its default parameters; None where there is none."""
+    """Return the PNG file with the drawing of a registered problem at its default parameters; None if there is none."""
     if name not in list_problems():
         return None
     folder = own_folder(plugins.find("problem", name))
@@ -140,7 +140,7 @@ def thumbnail_of(name: str) -> Path | None:
 
 
 def load_solver(spec: str | Solver, **options: Any) -> Solver:
-    """The solver of a spec, ``hht(alpha=-0.1)``; a solver as it is.  Errors as in :func:`load_problem`."""
+    """Load the solver of a spec, ``hht(alpha=-0.1)``; return a solver as it is.  Errors as in :func:`load_problem`."""
     if not isinstance(spec, str):
         if not _is_solver(spec):
             raise TypeError(f"a solver must be a spec or have accepts() and solve(); got {_kind_of(spec)}.")
@@ -156,7 +156,7 @@ def load_solver(spec: str | Solver, **options: Any) -> Solver:
 
 
 def load_verification(name: str) -> Verification:
-    """The verification registered as ``name``: ``verify(progress) -> Evidence``."""
+    """Load the verification registered as ``name``, a function ``verify(progress, jobs) -> Evidence``."""
     found = parse_spec(name)
     if found.path is not None or found.arguments:
         raise ProblemError(f"a verification is named without file and arguments; got {name}.")
@@ -167,7 +167,7 @@ def load_verification(name: str) -> Verification:
 
 
 def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
-    """What the spec's target is, or returns when called with the arguments."""
+    """Load the target of a spec; if it is a function or class, call it with the arguments."""
     twice = sorted(set(spec.arguments) & set(further))
     if twice:
         raise ProblemError(f"{', '.join(twice)} is given in the spec {spec} and again as a keyword; give it once.")
@@ -192,7 +192,10 @@ def _from_file(path: str, name: str) -> Any:
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[str, Any]) -> None:
-    """Compare with the signature: a TypeError from inside the factory is not mistaken for one of its call."""
+    """Raise a ProblemError that lists the known parameters if ``arguments`` do not fit the factory's signature.
+
+    Comparing with the signature keeps a TypeError raised inside the factory apart from one of its call.
+    """
     try:
         signature = inspect.signature(factory)
     except (TypeError, ValueError):
@@ -209,7 +212,9 @@ def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[
 
 def _refuse_arguments(name: str, arguments: Mapping[str, Any]) -> None:
     if arguments:
-        raise ProblemError(f"{name} is finished and takes no parameters; got {', '.join(sorted(arguments))}.")
+        raise ProblemError(
+            f"{name} is an object, not a function, and takes no parameters; got {', '.join(sorted(arguments))}."
+        )
 
 
 def _is_solver(value: Any) -> bool:

@@ -1,4 +1,4 @@
-"""Shapes of what bodies and joints are given."""
+"""Check the shapes of the arguments of bodies and joints."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jax import Array
 
 
 def expect_rows(name: str, value: Any, bodies: Array, *size: int) -> Array:
-    """``value`` as an array (j, *size): a row for each of the bodies (j,), or one row for all.
+    """Return ``value`` as an array (j, *size): one row for each of the bodies (j,), or one row that serves all.
 
     Raises
     ------
@@ -24,7 +24,7 @@ def expect_rows(name: str, value: Any, bodies: Array, *size: int) -> Array:
 
 
 def expect_pairs(first: Any, second: Any) -> tuple[Array, Array]:
-    """Numbers of bodies (j,) and (j,), one pair a joint."""
+    """Return the body numbers ``first`` (j,) and ``second`` (j,) of j joints as arrays; raise if their lengths differ."""
     one, other = jnp.asarray(first), jnp.asarray(second)
     if one.ndim != 1 or one.shape != other.shape:
         raise ValueError(f"first and second must be lists of as many bodies; got shapes {one.shape} and {other.shape}.")
