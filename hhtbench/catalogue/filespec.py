@@ -84,7 +84,7 @@ def _module(file: Path, shown: str) -> ModuleType:
 
 @contextmanager
 def _executed_at(file: Path) -> Iterator[None]:
-    """Context manager in which the file may import its neighbours: its folder is last on ``sys.path`` and hides no package."""
+    """Context manager in which the file may import its neighbours: its folder is last on ``sys.path``, hiding nothing."""
     entry, token = str(file.parent), _EXECUTED.set(file.name)
     sys.path.append(entry)
     try:

@@ -30,7 +30,7 @@ campaign_options = with_options(  # what hhtbench.campaign.asked.asked_campaign 
     click.option(
         "--reference",
         type=click.Choice(["none", "auto"]),
-        help="auto: first compute certified references for problems that have none (two families of methods, two forms).  [default: the campaign's]",
+        help="auto: first certify problems without a reference by two methods.  [default: the campaign's]",
     ),
 )
 

@@ -55,7 +55,7 @@ def as_dict(problem: Problem, solution: Solution) -> dict[str, Any]:
 
 
 def _errors(problem: Problem, solution: Solution) -> tuple[str, dict[str, tuple[float, float]]]:
-    """Return what the end is compared with and, for each part, the largest error in its units and scaled; empty if unknown."""
+    """Return what the end is compared with and the largest error of each part, in its units and scaled; empty if unknown."""
     found = compare(problem, solution) if solution.success else None
     if found is None or not found.at_end:
         return "", {}

@@ -20,7 +20,7 @@ def distances(a: Array, b: Array) -> Array:
 
 
 def spring_damper(stiffness: Any, damping: Any, free: Any) -> Callable[[Array, Array], Array]:
-    """Return the force law ``k (l - l0) + c l'`` [N] for :func:`force_of`; arguments are numbers or (j,), one per element."""
+    """Return the force law ``k (l - l0) + c l'`` [N] for :func:`force_of`; numbers, or arrays (j,), one per element."""
     return lambda length, rate: jnp.asarray(stiffness) * (length - jnp.asarray(free)) + jnp.asarray(damping) * rate
 
 

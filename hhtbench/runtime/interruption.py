@@ -55,7 +55,7 @@ def _leave(number: int, message: str) -> None:
 
 @contextmanager
 def _handled(action: Callable[[int], None]) -> Iterator[None]:
-    """Context manager that passes signals to ``action``, except ignored ones (nohup); does nothing outside the main thread."""
+    """Context manager that passes signals to ``action``; ignored ones (nohup) stay ignored, other threads receive none."""
 
     def handle(number: int, _: FrameType | None) -> None:
         action(number)

@@ -1,7 +1,7 @@
-"""Profiles: the share of all pairs of problem and error that a solver reaches within a given cost.
+"""Performance profiles: the share of all pairs of problem and error that a solver reaches within a given cost.
 
-Absolute ones are empirical distribution functions as those of COCO (Hansen et al. 2021): a solver's curve rests on its own
-rows alone.  Those of Dolan and More (2002) are relative to the best, so that they may change their order with who takes part
+Absolute ones are empirical distribution functions as in COCO (Hansen et al. 2021): a solver's curve depends on its own
+rows only.  Those of Dolan and More (2002) are relative to the best, so that their order may change with the set of solvers
 (Gould and Scott 2016).  Every problem has the same weight, whatever the number of its errors that can be judged.
 """
 
@@ -18,7 +18,7 @@ from hhtbench.campaign.store.rows import RunRow
 
 @dataclass(frozen=True, kw_only=True)
 class Reach:
-    """One solver's way to one error on one problem."""
+    """Cost of one solver to reach one error on one problem."""
 
     problem: str
     target: float
@@ -30,7 +30,7 @@ class Reach:
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """A staircase: ``share`` of all pairs is reached within ``cost``."""
+    """Step function: the share ``share`` of all pairs is reached within ``cost``."""
 
     entry: str
     cost: tuple[float, ...]  #: rising
@@ -38,7 +38,7 @@ class Profile:
 
 
 def reaches(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = ()) -> tuple[Reach, ...]:
-    """One for each problem, error that can be judged, and solver of the rows; ``measure`` is "time" or "evaluations"."""
+    """Return one Reach per problem, judgeable error and solver; ``measure`` is "time" or "evaluations"."""
     found = points(rows)
     groups = by_problem(found)
     judged = {name: _judged(own, targets or targets_of(found)) for name, own in groups.items()}
@@ -52,7 +52,7 @@ def reaches(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = ())
 
 
 def _judged(groups: Mapping[str, Sequence[Point]], targets: Sequence[float]) -> list[float]:
-    """The errors that the problem's reference can judge; none where nothing is known of it."""
+    """Return the errors that the problem's reference can judge; none if no run was compared."""
     runs = [run for own in groups.values() for run in own]
     if all(run.error is None and run.doubted is None for run in runs):
         return []
@@ -70,14 +70,14 @@ def _reach(runs: Sequence[Point], measure: str, target: float, weight: float) ->
 
 
 def _spent(run: Point, measure: str) -> float | None:
-    """What a run has cost, whatever came of it; where its time is not known, all that it was allowed."""
+    """Return the cost of a run, successful or not; its time limit if the time is not known."""
     if run.status == "declined":
         return 0.0
     return run.work(measure) or (run.spent or run.allowed if measure == "time" else None)
 
 
 def profiles(found: Iterable[Reach], cost: str = "cost") -> tuple[Profile, ...]:
-    """One for each solver, by ``cost`` or ``search``."""
+    """Return one absolute profile per solver, by ``cost`` (the run alone) or ``search`` (with all runs before it)."""
     return tuple(
         _profile(entry, [(value, reach.weight) for reach in own if (value := getattr(reach, cost)) is not None])
         for entry, own in _by_entry(found).items()
@@ -85,7 +85,7 @@ def profiles(found: Iterable[Reach], cost: str = "cost") -> tuple[Profile, ...]:
 
 
 def relative_profiles(found: Sequence[Reach]) -> tuple[Profile, ...]:
-    """Dolan and More's: by the cost over that of the best solver on the same pair."""
+    """Return Dolan and More's profiles: by the cost divided by that of the best solver on the same pair."""
     best: dict[tuple[str, float], float] = {}
     for reach in found:
         if reach.cost is not None:
