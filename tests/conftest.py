@@ -6,6 +6,7 @@ import os
 os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"  # XLA makes its code in half of the time, in child processes too
 
 import jax
+import pytest
 
 from hhtbench.runtime.processes import one_blas_thread
 
@@ -13,6 +14,7 @@ jax.config.update("jax_disable_most_optimizations", True)  # JAX may have been i
 one_blas_thread()  # several pytest processes share the cores
 
 
-def pytest_collection_finish() -> None:
-    """What was imported stays: the garbage collector need not go through it while JAX traces, a tenth of all time."""
+@pytest.fixture(autouse=True, scope="module")
+def _what_is_there_stays() -> None:
+    """The garbage collector need not go through imports and earlier files' compiled functions again and again."""
     gc.freeze()

@@ -20,7 +20,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from hhtbench.checks.finer_runs import FinerRuns, Run
+from hhtbench.checks.finer_runs import FinerRuns, Run, taken_by
 from hhtbench.checks.result.between import PLACES, SteppedOver, stepped_over
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
@@ -37,10 +37,8 @@ FIRST = 1e-6  # tightest tolerance of the first run: beyond, one of low order ma
 FINEST = {"rtol": 1e-14, "steps": 1e-8}
 STALLS = 2  # so many that do not are noise
 TOO_GOOD = 0.05  # of the error asked for: runs that agree so well may have seen nothing
-FEW, ALIKE = (
-    25,
-    1.2,
-)  # steps, and how many times as many in the last run as two before: they are checked however they agree
+#: steps, and how many times as many in the last run as two before: so few are checked however they agree
+FEW, ALIKE = 25, 1.2
 OFF = 3.0  # times the bound: how far the motion may lead from one row to beside the next
 LEAST_OFF = 1e-11  # which the integration there does not see
 SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # of the interval: longest steps where longer ones step over something
@@ -114,9 +112,8 @@ class _Search:
         self.spent: list[Counters] = []
         self.looks = 0  #: evaluations between rows
         self.shorter = list(SHORTER)  #: longest steps that are left to be tried
-        self.missed: tuple[Solution, SteppedOver] | None = (
-            None  #: a solution that stepped over something, and what was seen there
-        )
+        #: a solution that stepped over something, and what was seen there
+        self.missed: tuple[Solution, SteppedOver] | None = None
         self.first = COARSEST[kind] if kind == "steps" else min(COARSEST[kind], max(accuracy, FIRST))
         self.ends = math.inf if request.max_seconds is None else time.perf_counter() + request.max_seconds
 
@@ -173,22 +170,13 @@ class _Search:
 
     def _doubt(self, bound: float) -> str:
         """What the equations of motion say against a ``bound`` of runs that may have seen nothing; "" if nothing."""
-        last = self.finer.runs[-1].solution
-        taken = last.counters.steps_accepted
-        enough = taken is not None and taken >= PLACES
-        few = (
-            taken is not None
-            and taken < FEW
-            and taken <= ALIKE * (self.finer.runs[-3].solution.counters.steps_accepted or 0)
-        )
-        if self.missed is None and (
-            enough or not (few or min(bound, *self.finer.differences[-2:]) <= TOO_GOOD * self.accuracy)
-        ):
-            return ""
-        if (
-            self.missed is not None
-            and np.max(self.finer.rows_apart(self.finer.runs[-1].solution, self.missed[0])) < self.missed[1].off / 2
-        ):
+        last, taken = self.finer.runs[-1].solution, taken_by(self.finer.runs[-1])
+        if self.missed is None:
+            few = taken is not None and taken < FEW and taken <= ALIKE * (taken_by(self.finer.runs[-3]) or 0)
+            agree = min(bound, *self.finer.differences[-2:]) <= TOO_GOOD * self.accuracy
+            if (taken is not None and taken >= PLACES) or not (few or agree):
+                return ""
+        elif np.max(self.finer.rows_apart(last, self.missed[0])) < self.missed[1].off / 2:
             return self.missed[1].text
         look = stepped_over(self.problem, last, max(OFF * bound, LEAST_OFF))
         self.looks += look.evaluations

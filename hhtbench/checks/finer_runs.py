@@ -53,7 +53,7 @@ class FinerRuns:
 
     def keep(self, run: Run) -> None:
         """``run``, finer than all before it; of bounded steps those before it are forgotten if it took the same."""
-        if self.bounded and self.runs and taken(self.runs[-1]) == taken(run):
+        if self.bounded and self.runs and taken_by(self.runs[-1]) == taken_by(run):
             self.clear()
         if self.runs:
             self.differences.append(float(np.max(self.rows_apart(self.runs[-1].solution, run.solution))))
@@ -120,7 +120,7 @@ class FinerRuns:
         """
         if self.known:
             return True
-        return len(set(map(taken, self.runs[-3:]))) == len(self.runs[-3:])
+        return len(set(map(taken_by, self.runs[-3:]))) == len(self.runs[-3:])
 
     def next_setting(self, accuracy: float, bound: float | None) -> float:
         """The next setting: the other run of a pair, or the first of a pair whose finer run should reach the accuracy."""
@@ -166,7 +166,7 @@ class FinerRuns:
         return limit if fine.projection is None else fine.projection(fine.t, limit)
 
 
-def taken(run: Run) -> int | None:
+def taken_by(run: Run) -> int | None:
     """Steps that ``run`` took; None where its solver does not tell."""
     return run.solution.counters.steps_accepted
 

@@ -24,6 +24,7 @@ from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem, System
 
 SAMPLES = 400  # equal parts of the interval that are searched; a motion that jumps and returns within a sixth is not seen
@@ -110,7 +111,7 @@ class Jumps:
         try:
             found = np.linalg.solve(matrix, np.concatenate([np.zeros(s.n), -change]))
         except np.linalg.LinAlgError as error:
-            raise ValueError(f"the KKT matrix is singular at the jump at t = {self.times[i]:.17g}") from error
+            raise ValueError(f"the KKT matrix is singular at the jump at t = {exact(self.times[i])}") from error
         impulse = np.zeros(s.m + s.p)
         impulse[kept] = found[s.n :]
         return v + found[: s.n], impulse

@@ -335,6 +335,25 @@ def damped(c: float = 0.3, taken: float = 0.3) -> Problem:
     return Problem(name="damped", system=system, t_span=(0.0, 10.0), q0=[1.0], v0=[0.0])
 
 
+@pytest.mark.parametrize("rows", [1, 600], ids=["the start alone", "more than a chunk"])
+def test_without_constraints_only_the_energy_can_drift(rows: int):
+    class Spring(System):
+        def force(self, t: Any, q: Any, v: Any) -> Any:
+            return -q
+
+        def energy(self, t: Any, q: Any, v: Any) -> Any:
+            return (v @ v + q @ q) / 2
+
+    t = np.linspace(0.0, 1.0, rows)
+    states = {"t": t, "q": np.cos(t)[:, None], "v": -1.1 * np.sin(t)[:, None]}
+    free = Problem(name="free", system=Spring(), t_span=(0.0, 1.0), q0=[1.0], v0=[0.0])
+    none = np.zeros((rows, 0))
+    made = Solution(**states, lam=none, mu=none, status=Status.success, message="made by hand")
+    found: Any = drift.measure_drift(free, made)
+    assert (found.position, found.velocity, found.acceleration) == (None, None, None)
+    np.testing.assert_allclose(found.energy, 0.21 * np.sin(t) ** 2, rtol=1e-12, atol=1e-15)
+
+
 def test_the_energy_that_a_damper_takes_is_no_drift():
     """Nine tenths of the energy go into the damper; Radau keeps the balance to its tolerance."""
     solved = load_solver("scipy(method=Radau)").solve(damped(), Request(rtol=1e-8))

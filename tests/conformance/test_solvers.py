@@ -8,11 +8,16 @@ from hhtbench.conformance import check_names, check_solver
 from tests.conformance.claims import CLAIMS, claims_of
 
 SLOW = ("diffrax", "collocation")  # `python -m tests.faults --sound` holds them to the checks
+ALIKE = ("rattle", "generalised_alpha(form=index3)", "hht_i3")  # HHT's loop: two scenes; `make test-slow` has all
 
 
 def parameters(*solvers):
     checks = [(spec, check) for spec in solvers for check in check_solver(spec, **claims_of(spec))]
-    return [pytest.param(check, id=f"{spec}: {check}") for spec, check in checks]
+    return [pytest.param(check, id=f"{spec}: {check}", marks=marks_of(spec, check.name)) for spec, check in checks]
+
+
+def marks_of(spec, name):
+    return pytest.mark.long if spec in ALIKE and not name.startswith(("position/", "mixed/")) else ()
 
 
 @pytest.mark.parametrize("check", parameters(*(spec for spec in CLAIMS if spec not in SLOW)))

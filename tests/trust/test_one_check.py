@@ -17,6 +17,7 @@ from hhtbench.checks.result.judge import judge
 from hhtbench.lowering import ConstraintLevels, derive, native
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.scalar_compiler import at_rows
+from hhtbench.protocol.printing import exact
 from solvers.hht.adapter import HHTSolver
 from tests.trust.faulty import Faulty, Returning
 
@@ -44,7 +45,7 @@ def test_hht_is_not_believed_where_it_leaves_a_constraint(monkeypatch: pytest.Mo
     off = 0.0201 * (x * x + y * y) / (2.02 * (abs(x) + abs(y)))
     assert found.status is hb.Status.unreliable
     assert found.message == (
-        f"constraints: g[0] is violated by up to {off:.2g} of its size, most at t = {TIMES[BESIDE]:.17g}; "
+        f"constraints: g[0] is violated by up to {off:.2g} of its size, most at t = {exact(TIMES[BESIDE])}; "
         "up to 0.001 is believed."
     )
 

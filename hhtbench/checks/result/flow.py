@@ -19,6 +19,7 @@ from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.protocol.arguments import Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
 
 FINEST, COARSEST = 1e-12, 1e-6  # relative tolerances of the steps
@@ -179,13 +180,13 @@ class Flow:
         with np.errstate(all="ignore"):
             self._steps: Any = DOP853(self.equations, t, y, end, **self._tolerances)
         if not np.isfinite(self._steps.f).all():
-            raise NotJudged(f"the accelerations are not determined at t = {t:.17g}")
+            raise NotJudged(f"the accelerations are not determined at t = {exact(t)}")
 
     def _step(self) -> None:
         with np.errstate(all="ignore"):
             self._steps.step()
         if self._steps.status == "failed":
-            raise NotJudged(f"the accelerations are not determined, or not bounded, after t = {self._steps.t:.17g}")
+            raise NotJudged(f"the accelerations are not determined, or not bounded, after t = {exact(self._steps.t)}")
         self.pieces.append(self._steps.dense_output())
 
     def _cross(self, i: int) -> None:

@@ -22,6 +22,7 @@ from hhtbench.checks.result.reactions import Row, rows_of, wrong_reactions
 from hhtbench.checks.result.success import SAME_TIME, doubt_about, wrong_columns
 from hhtbench.checks.result.unknown import unknown_without_reason
 from hhtbench.protocol.arguments import Matrix, Vector
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Ends, Solution
@@ -117,8 +118,8 @@ def _described(window: Window, request: Request, jumps: Jumps) -> str:
     times = " and ".join(f"{t:.9g}" for t in across[:MAX_NAMED])
     jump = f" The prescribed velocities jump at t = {times}, where the constraints' impulse acts." if times else ""
     return (
-        f"equations of motion: from the row at t = {window.start:.17g} the motion leads elsewhere than to the row at "
-        f"t = {window.at:.17g}: they are {window.off:.2g} times as far apart as {asked} let one step be off; "
+        f"equations of motion: from the row at t = {exact(window.start)} the motion leads elsewhere than to the row at "
+        f"t = {exact(window.at)}: they are {window.off:.2g} times as far apart as {asked} let one step be off; "
         f"up to {window.bound:.2g} is believed.{jump}"
     )
 

@@ -17,6 +17,7 @@ import numpy as np
 from hhtbench.checks.result.flow import NotJudged
 from hhtbench.checks.result.motion import BOUND, MAX_EVALUATIONS, Follower, Multipliers, signs
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Solution
 
 ROUNDOFF = 1e-8  # of the largest force
@@ -86,6 +87,6 @@ def _wrong_reaction(follower: Follower, row: Row, typical: Vector) -> str:
         return ""
     i = int(np.argmax(off / bound))
     return (
-        f"multipliers: at t = {t:.17g} the reaction of those given on q[{i}] is {off[i]:.2g} off what the acceleration "
+        f"multipliers: at t = {exact(t)} the reaction of those given on q[{i}] is {off[i]:.2g} off what the acceleration "
         f"level needs, of size {size[i]:.2g}; up to {bound[i]:.2g} is believed."
     )

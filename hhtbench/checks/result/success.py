@@ -16,6 +16,7 @@ from hhtbench.checks.result.levels import Rows, sizes_of, violated
 from hhtbench.lowering import CONSISTENT, ConstraintLevels, derive
 from hhtbench.protocol.arguments import Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
@@ -105,9 +106,9 @@ def _ends(problem: Problem, request: Request, solution: Solution) -> str:
     found = _finite(ends) or _order(problem, ends.t)
     last, (t0, t1) = solution.t[-1], problem.t_span
     if not found and (last - ends.t[-1]) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
-        return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the last row at t = {last:.17g}."
+        return f"ends of steps: the last is at t = {exact(ends.t[-1])}, and the last row at t = {exact(last)}."
     if not found and (ends.t[-1] - t1) * np.sign(t1 - t0) > SAME_TIME * _span(problem):
-        return f"ends of steps: the last is at t = {ends.t[-1]:.17g}, and the interval ends at t = {t1:.17g}."
+        return f"ends of steps: the last is at t = {exact(ends.t[-1])}, and the interval ends at t = {exact(t1)}."
     if not found and too_few(ends, solution.counters):
         return f"ends of steps: {k} are reported, and {solution.counters.steps_accepted} steps were accepted."
     return found or _start(problem, request, (ends.t, ends.q, ends.v))
@@ -150,7 +151,7 @@ def _order(problem: Problem, t: Vector) -> str:
     if not np.count_nonzero(back):  # in a fifth of the time of any()
         return ""
     i = int(np.argmax(back))
-    return f"order of times: after t = {t[i]:.17g} comes t = {t[i + 1]:.17g}."
+    return f"order of times: after t = {exact(t[i])} comes t = {exact(t[i + 1])}."
 
 
 def _end(problem: Problem, request: Request, t: Vector) -> str:
@@ -161,7 +162,7 @@ def _end(problem: Problem, request: Request, t: Vector) -> str:
     if t[-1] == last:
         return ""
     what = "the interval ends" if last == end else "the last row was asked for"
-    return f"end: success was reported, but the last time is {t[-1]:.17g} and {what} at {last:.17g}."
+    return f"end: success was reported, but the last time is {exact(t[-1])} and {what} at {exact(last)}."
 
 
 def _output_times(problem: Problem, request: Request, t: Vector, complete: bool) -> str:
@@ -177,7 +178,7 @@ def _output_times(problem: Problem, request: Request, t: Vector, complete: bool)
     if not off.any():
         return ""
     i = int(np.argmax(off))
-    return f"output times: row {i} was asked for at {asked[i]:.17g} and given at {t[i]:.17g}."
+    return f"output times: row {i} was asked for at {exact(asked[i])} and given at {exact(t[i])}."
 
 
 def _start(problem: Problem, request: Request, motion: Rows) -> str:
@@ -238,4 +239,6 @@ def _rests(problem: Problem, solution: Solution) -> str:
     way = max(float(np.max(np.abs(rate) / s)) for rate, s in zip(rates, size, strict=False)) * abs(float(t[-1] - t[0]))
     if way <= MOVED:
         return ""
-    return f"motion: All rows are the state at t = {t[0]:.17g}, which leads away by {way:.2g} of its size over the interval."
+    return (
+        f"motion: All rows are the state at t = {exact(t[0])}, which leads away by {way:.2g} of its size over the interval."
+    )

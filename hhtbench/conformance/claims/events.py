@@ -13,6 +13,7 @@ from hhtbench.conformance.scenes.pendulum import PERIOD, RADIUS, swing
 from hhtbench.conformance.scenes.scene import Scene
 from hhtbench.conformance.subject import Subject, expect
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Solution, Status
 
 ANGLE = 0.5  # of the pendulum from below, at which the event is [rad]
@@ -75,7 +76,7 @@ def terminal_event_ends_the_motion(subject: Subject) -> None:
     scene, found, bound = _solved(subject, terminal=True)
     expect(found.status is Status.event, f"it ends with {found.status.label}: {found.message}")
     _expect_times(found, _times()[:1], bound)
-    expect(found.t[-1] == found.t_events[0][-1], f"the last row is at {found.t[-1]:.17g}, not at the event")
+    expect(found.t[-1] == found.t_events[0][-1], f"the last row is at {exact(found.t[-1])}, not at the event")
     beyond = HEIGHT - float(found.q[-1, 1])
     expect(0.0 <= beyond <= REACHED, f"the motion ends {beyond:.1e} m beyond the event; expected 0 to {REACHED:.0e}")
     levels = scene.levels(float(found.t[-1]), found.q[-1], found.v[-1])

@@ -14,6 +14,7 @@ from hhtbench.conformance.scenes.pendulum import numpy_pendulum
 from hhtbench.conformance.scenes.scene import Scene, multipliers
 from hhtbench.conformance.scenes.small import oscillator
 from hhtbench.conformance.subject import ROUNDOFF, STEPS, Declined, Subject, at, errors, expect, rms, size_of
+from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import declared
 from hhtbench.solution.result import Status
 
@@ -39,10 +40,10 @@ def reaches_the_end(subject: Subject, name: str) -> None:
     for request in subject.ladder(scene.problem):
         solution = subject.solved(scene, **request)
         t0, t1 = scene.problem.t_span
-        expect(solution.t[0] == t0, f"the first row is at {solution.t[0]:.17g}, not at the start {t0:.17g}")
+        expect(solution.t[0] == t0, f"the first row is at {exact(solution.t[0])}, not at the start {exact(t0)}")
         expect(isinstance(solution.status, Status), f"status is {solution.status!r}")
         expect(isinstance(solution.message, str) and solution.message.strip(), "a success has no message")
-        expect(solution.t[-1] == t1, f"the last row is at {solution.t[-1]:.17g}, not at the end {t1:.17g}")
+        expect(solution.t[-1] == t1, f"the last row is at {exact(solution.t[-1])}, not at the end {exact(t1)}")
         expect(np.array_equal(solution.q[0], scene.problem.q0), "the first row is not q0")
         m, p = (getattr(scene.exact(t0), which).size for which in ("lam", "mu"))
         expect(solution.lam.shape[1:] == (m,) and solution.mu.shape[1:] == (p,), "lam or mu has the wrong width")

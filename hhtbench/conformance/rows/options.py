@@ -12,6 +12,7 @@ from hhtbench.conformance.entry import Lane
 from hhtbench.conformance.rows.judging import Cases, apart, arrives, ends, refuses, row, warns, within
 from hhtbench.conformance.scenes.rod import Q0, UNCALLED, V0, Rod, problem
 from hhtbench.conformance.subject import Declined, Subject
+from hhtbench.protocol.printing import exact
 
 STATUS = hb.Status
 BAD_TOLERANCES: list[tuple[dict[str, Any], str]] = [
@@ -149,7 +150,7 @@ TINY = ("0..4.9406564584124654e-324", "0..1e-300", "1..1.0000000000000002", "1..
 def shortest_intervals(subject: Subject, request: dict[str, Any]) -> Cases:
     """Beyond what 20 m/s^2 can do in the time."""
     for t0, t1 in SPANS:
-        case, length = f"{t0:g}..{t1:.17g}", abs(t1 - t0)
+        case, length = f"{t0:g}..{exact(t1)}", abs(t1 - t0)
         try:
             found = subject.ask(Rod(), (t0, t1), **request)
         except Declined as reason:
