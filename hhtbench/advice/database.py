@@ -136,7 +136,7 @@ def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
 
 
 def write_database(database: Database, file: Path, command: str) -> None:
-    """Write JSON, one scene per line; costs as hundredths of their decimal logarithm, null where an error was not reached."""
+    """Write JSON, one scene per line; costs as hundredths of their decimal logarithm, null where not reached."""
     fields = {name: getattr(database, name) for name in ("entries", "clock", "versions", "budget")}
     lines = [json.dumps(_plain(scene), separators=(",", ":")) for scene in database.scenes]
     head = json.dumps({**KIND, "command": command, **fields}, indent=1)[:-2]

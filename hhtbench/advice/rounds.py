@@ -63,7 +63,7 @@ class Rounds:
         self.left_out |= {one.entry: UNTRIED for one in candidates if one.entry not in run}
 
     def time_again(self, candidates: Sequence[Candidate]) -> None:
-        """Measure times alone on a core for the candidates within ``FINALISTS`` of the cheapest, which decide between them."""
+        """Measure times alone on a core for the candidates within ``FINALISTS`` of the cheapest, to decide between them."""
         fronts = self.places().fronts
         near = {cost.entry for front in fronts for cost in front.costs if cost.value <= FINALISTS * front.costs[0].value}
         chosen = [one for one in candidates if one.entry in near]
