@@ -134,7 +134,7 @@ def bodies(ball: float) -> dict[str, Any]:
 
 
 def start(centre: float, s: float, alpha: float, omega: float) -> tuple[Vector, Vector]:
-    """State at the start: everything rotates with ``omega`` [rad/s] about z, slider at ``s`` [m], arms at ``alpha`` [rad]."""
+    """State at the start: all bodies rotate with ``omega`` [rad/s] about z, slider at ``s`` [m], arms at ``alpha`` [rad]."""
     reach, drop = OFFSET + centre * math.cos(alpha), HEIGHT - centre * math.sin(alpha)
     x = np.array([[0, 0, HEIGHT / 2], [0, 0, s], [reach, 0, drop], [-reach, 0, drop]])
     cos, sin = math.cos(alpha / 2), math.sin(alpha / 2)
