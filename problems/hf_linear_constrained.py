@@ -85,7 +85,7 @@ def exact(found: Modes, t: float) -> Motion:
 
 
 def sketch(q: Vector) -> dict[str, Any]:
-    """Drawing at ``q``: masses a unit apart as squares, springs, rod and wall: ``points`` (3, 2), ``lines`` (44, 2, 2) [m]."""
+    """Drawing at ``q``: masses a unit apart, springs, rod and wall; ``points`` (3, 2), ``lines`` (44, 2, 2) [m]."""
     points = np.column_stack([np.arange(3.0) + np.asarray(q), np.zeros(3)])
     gap, wall, post = np.array([(0.12, 0.0), (4.5, 0.0), (0.0, 0.15)])
     squares = [box_lines(p, 0.24, 0.24) for p in points]

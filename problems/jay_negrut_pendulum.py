@@ -136,7 +136,7 @@ def exact(parameters: tuple[float, ...], t_end: float, t: float) -> Motion:
 
 
 def sketch(L: float, q: Vector) -> dict[str, Vector]:
-    """Drawing at ``q``: pivot and centre of mass as ``points`` (2, 2), rod, spring and support as ``lines`` (42, 2, 2) [m]."""
+    """Drawing at ``q``: pivot and centre of mass as ``points`` (2, 2); rod, spring, support as ``lines`` (42, 2, 2) [m]."""
     end = 2 * L * np.array([np.cos(q[2]), np.sin(q[2])])
     turn = np.linspace(np.pi, q[2] + 4 * np.pi, 33)  # from the support, twice round, to the rod
     spiral = L * np.linspace(0.12, 0.3, 33)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])

@@ -46,7 +46,7 @@ def check(problem: Problem) -> Evidence:
 
 
 def _rows_of_dynamics(problem: Problem, shapes: Survey) -> list[Row]:
-    """Return the rows that need the system's derived functions: derivatives, start, mass, rank, index, data, conservation."""
+    """Return the rows that need the derived functions: derivatives, start, mass, rank, index, data, conservation."""
     place = (problem.system, problem.t_span[0], problem.q0, problem.v0)
     outcome = attempt(lambda: derive(*place, ignored=shapes.untrusted))
     fault = shapes.blocking or outcome.fault

@@ -120,7 +120,7 @@ def _shape(s: Structure, name: str) -> tuple[int, int]:
 
 
 def given_derivatives(dynamics: Dynamics, names: tuple[str, ...] = ()) -> Callable[[Probe], dict[str, Matrix | str]]:
-    """Return a function of the state that evaluates the derivatives ``names`` (default: all), or the reason why one fails."""
+    """Return a function of the state that evaluates the derivatives ``names`` (default: all), or the reason of a failure."""
     s = dynamics.structure
     names = names or names_of(s)
     if route_of(dynamics) == "xla":

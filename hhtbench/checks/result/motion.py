@@ -130,7 +130,7 @@ class Follower:
         return window
 
     def _begin(self, t: float, y: Vector) -> tuple[Flow, Callable[[float], Vector]]:
-        """Return the motion from (t, y), and a function of time that returns the errors allowed of a step (2n,) until then."""
+        """Return the motion from (t, y), and a function of time that gives the errors allowed of a step (2n,) until then."""
         motion = self._flow(t, y, self.allowed)
         if not self.request.fixed:
             return motion, lambda _: self.allowed

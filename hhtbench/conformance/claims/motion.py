@@ -1,4 +1,4 @@
-"""The motion itself: order, tolerance, both constraint levels, multipliers, energy, on every kind of equation."""
+"""Claims on the motion: order, tolerance, both constraint levels, multipliers, energy, for every kind of equation."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def error_falls_with_changing_steps(subject: Subject, name: str) -> None:
 
 
 def _expect_orders(subject: Subject, scene: Scene, coarse: dict[str, float], fine: dict[str, float]) -> None:
-    """The errors fall as claimed where steps are halved."""
+    """Assert that the errors fall with the claimed order when steps are halved."""
     wanted = FALLS if subject.claims.order is None else subject.claims.order - MAX_SHORT
     for which, error in fine.items():
         order = math.log2(max(coarse[which], 1e-300) / max(error, 1e-300))
