@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import time
 from functools import partial
 from typing import Any
@@ -10,8 +11,8 @@ import numpy as np
 
 from hhtbench.catalogue.registry import load_problem, load_solver
 from hhtbench.checks.result.success import check_success
-from hhtbench.protocol.errors import BudgetSpent
-from hhtbench.protocol.system import Problem, Solver
+from hhtbench.protocol.errors import BudgetSpent, ProblemError
+from hhtbench.protocol.system import EVENT, Problem, Solver, accepts, wrong_arguments, wrong_scales
 from hhtbench.solution.counting import Clock, handed_over
 from hhtbench.solution.request import Request, check_output_times, make_request, with_tolerance
 from hhtbench.solution.result import Counters, Solution, Status
@@ -76,6 +77,10 @@ def solve(
     if events is not None:
         if not hasattr(chosen, "with_events"):
             return _nothing(loaded, Status.declined, f"{chosen.name} has no events; hht has.")
+        for i, event in enumerate(events if isinstance(events, (list, tuple)) else [events]):
+            if inspect.isfunction(event) and not accepts(event, EVENT):
+                declared = inspect.signature(event)
+                raise TypeError(f"events[{i}] must take the arguments (t, q, v); it is declared with {declared}.")
         chosen = chosen.with_events(events)
     with handed_over(clock):
         try:
@@ -98,7 +103,14 @@ def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> S
     reason = solver.accepts(problem, request)
     if reason is not None:
         return _nothing(problem, Status.declined, reason)
-    found = solver.solve(problem, request)
+    try:
+        found = solver.solve(problem, request)
+    except (TypeError, ValueError) as error:  # of Python or NumPy, where a declaration does not fit the protocol
+        if isinstance(error, TypeError) and (wrong := wrong_arguments(problem.system)):
+            raise TypeError(wrong) from error
+        if wrong := wrong_scales(problem):
+            raise ProblemError(wrong) from error
+        raise
     try:
         doubt = check_success(problem, request, found, clock)
     except BaseException as error:

@@ -118,4 +118,4 @@ def _offer(module: ModuleType, name: str) -> str:
         for key, value in vars(module).items()
         if isinstance(value, Problem) or getattr(value, "__module__", None) == module.__name__
     ]
-    return f"it defines {', '.join(own) or 'nothing'}."
+    return f"it defines {', '.join(own) or 'no problem, function or class'}."

@@ -121,7 +121,8 @@ def _unknown(kind: str, name: str) -> str:
         return f"{text} None is registered: is the distribution installed (pip install -e .)?"
     method = METHODS.get(name.lower()) if kind == "solver" else None
     text += f" Did you mean {method}?" if method else did_you_mean(name, known)
-    return f"{text} `hhtbench list` shows all; a file is named as FILE.py:{name}."
+    file = f"; a file is named as FILE.py:{name}" if kind in ("problem", "solver") else ""
+    return f"{text} `hhtbench list` shows all{file}."
 
 
 def _places(module: str) -> str:

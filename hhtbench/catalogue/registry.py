@@ -19,7 +19,7 @@ from hhtbench.catalogue import plugins
 from hhtbench.catalogue.packages import own_folder
 from hhtbench.catalogue.specs import Spec, parse_spec
 from hhtbench.protocol.errors import ProblemError, did_you_mean
-from hhtbench.protocol.system import Problem, Solver, System
+from hhtbench.protocol.system import NumpySystem, Problem, Solver, System
 
 if TYPE_CHECKING:
     from hhtbench.protocol.evidence import Evidence
@@ -75,6 +75,11 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
         if parameters:
             _refuse_arguments(f"the problem {spec.name}", parameters)
         return spec
+    if isinstance(spec, (System, NumpySystem)):
+        raise TypeError(
+            f"a problem must be a spec or a hhtbench.Problem; got {_kind_of(spec)}. A system needs a start and an interval: "
+            "hb.Problem(name=..., system=..., t_span=(0.0, 1.0), q0=..., v0=...)."
+        )
     if is_held(spec):
         return _HELD.get()[spec]
     found = parse_spec(spec)
@@ -143,7 +148,9 @@ def load_solver(spec: str | Solver, **options: Any) -> Solver:
     """Load the solver of a spec, ``hht(alpha=-0.1)``; return a solver as it is.  Errors as in :func:`load_problem`."""
     if not isinstance(spec, str):
         if not _is_solver(spec):
-            raise TypeError(f"a solver must be a spec or have accepts() and solve(); got {_kind_of(spec)}.")
+            raise TypeError(
+                f'a solver must be a spec or have accepts() and solve(); got {_kind_of(spec)}. Write "hht(alpha=-0.1)", say.'
+            )
         _refuse_arguments("the solver", options)
         return spec
     found = parse_spec(spec)

@@ -77,7 +77,7 @@ def cells_of(spec: str) -> list[Cell]:
 
 
 def truth(problem: Problem) -> tuple[Vector, Matrix]:
-    """Return times in the interval at which the motion is known, (k,), and the motion there divided by the scales, (k, 2n)."""
+    """Return times at which the motion is known, (k,), and q and v there divided by their scales, (k, 2n)."""
     times = np.linspace(*problem.t_span, 21)
     if problem.exact is not None or problem.reference is not None:
         times, q, v = known_motion(problem, times)

@@ -19,7 +19,8 @@ def expect_rows(name: str, value: Any, bodies: Array, *size: int) -> Array:
     found = jnp.asarray(value)
     if found.shape[1:] != size or found.shape[0] not in (1, bodies.size):
         wanted = f"({', '.join(map(str, (bodies.size, *size)))})"
-        raise ValueError(f"{name} must have the shape {wanted}, a row for each body that is named; got {found.shape}.")
+        hint = f" One body needs a list of one row: {name}=[[...]]." if found.shape == size else ""
+        raise ValueError(f"{name} must have the shape {wanted}, one row per body named; got {found.shape}.{hint}")
     return jnp.broadcast_to(found, (bodies.size, *size))
 
 

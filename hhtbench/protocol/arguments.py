@@ -52,6 +52,8 @@ def real_values(name: str, value: Any) -> NDArray[np.float64]:
         raise traced(name) from None
     except ValueError as error:
         raise TypeError(f"{expected}; got a ragged sequence ({error}).") from error
+    if isinstance(value, str):
+        raise TypeError(f"{expected}; got the text {shown(value)}. Write numbers without quotes.")
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{expected}; got dtype {array.dtype} ({type(value).__name__}).")
     return array.astype(np.float64, copy=False)

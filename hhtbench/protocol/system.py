@@ -47,7 +47,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.protocol.arguments import Vector, check_interval, real_array, real_number, real_vector
+from hhtbench.protocol.arguments import Vector, check_interval, real_array, real_number, real_vector, shown
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.printing import Printed, exact
 
@@ -92,6 +92,7 @@ DERIVATIVES = {
     "reaction_jacobians": _signature("t q lam", "nn", "nm"),  # Q_q, Q_lam
 }
 SIGNATURES = PHYSICS | DERIVATIVES
+EVENT = _signature("t q v", "")
 WITH_VELOCITY = {  # reactions that depend on v too (friction in a joint), recognised by their four arguments
     "reaction": _signature("t q v lam", "n"),
     "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
@@ -261,6 +262,25 @@ def signature_of(system: System | NumpySystem, name: str) -> Signature:
     return WITH_VELOCITY[name] if with_velocity else SIGNATURES[name]
 
 
+def wrong_arguments(system: System | NumpySystem) -> str:
+    """Name the first function of ``system`` that cannot be called with the protocol's arguments; "" if all can."""
+    for name in SIGNATURES:
+        function, signature = declared(system, name), signature_of(system, name)
+        if callable(function) and not accepts(function, signature):
+            wanted, found = ", ".join(signature.arguments), inspect.signature(function)
+            return f"{name} must take the arguments ({wanted}), in this order; it is declared with {found}."
+    return ""
+
+
+def wrong_scales(problem: Problem) -> str:
+    """Name the scales of q or v whose shape does not fit the problem; "" if both fit."""
+    for name in ("q", "v"):
+        shape, wanted = np.shape(getattr(problem.scales, name)), problem.q0.shape
+        if shape not in ((), wanted):
+            return f"scales.{name} must be a number or have shape {wanted}, one number per coordinate; got {shape}."
+    return ""
+
+
 def checked_patterns(sparsity: Any) -> Mapping[str, Any]:
     """Return the declared ``sparsity``, patterns by name (arrays or SciPy's sparse matrices); {} for None.
 
@@ -341,6 +361,11 @@ class Problem(Printed):
     source: str = ""  #: where the equations and values come from
 
     def __post_init__(self) -> None:
+        if isinstance(self.system, type):
+            made = self.system.__name__
+            raise TypeError(f"system must be an object, not the class {made}; write system={made}(), with its parameters.")
+        if not isinstance(self.scales, Scales):
+            raise TypeError(f"scales must be a hhtbench.Scales, such as hb.Scales(q=1.0, v=2.0); got {shown(self.scales)}.")
         q0 = real_vector("q0", self.q0)
         if q0.size == 0:
             raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")

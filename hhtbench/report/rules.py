@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.cells import Point, Rules, family
 from hhtbench.campaign.analysis.fronts import BOUNDS, SAME, level_of, targets_of
-from hhtbench.campaign.analysis.ladder import FIRST, MOST, STANDSTILL
+from hhtbench.campaign.analysis.ladder import FIRST, MAX_FACTOR, STANDSTILL
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.words import listed, plural, seconds, times
 
@@ -44,7 +44,7 @@ def _ladder(runs: Sequence[Point]) -> list[str]:
     return [
         f"Every solver starts at a relative tolerance of {FIRST['rtol']:g}, or with {1 / FIRST['steps']:.0f} steps, and is "
         "refined alike: the next setting follows from its errors so far, aims at the loosest error not reached, and is at "
-        f"most {MOST['rtol']:g} times finer ({MOST['steps']:g} times more steps).",
+        f"most {MAX_FACTOR['rtol']:g} times finer ({MAX_FACTOR['steps']:g} times more steps).",
         *(_budget(one) for one in found),
     ]
 

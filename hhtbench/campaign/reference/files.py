@@ -68,11 +68,13 @@ def read_certificate(file: Path) -> dict[str, Any]:
     ProblemError
         There is no such file, or it is not a reference file.
     """
+    known = sorted(other.stem for other in file.parent.glob("*.json")) if not file.is_file() else []
+    if known:
+        raise ProblemError(f"there is no reference {file.stem}.{did_you_mean(file.stem, known)} Stored: {', '.join(known)}.")
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError) as error:
-        hint = did_you_mean(file.stem, [other.stem for other in file.parent.glob("*.json")])
-        raise ProblemError(f"the reference {file.name} cannot be read: {error}.{hint}") from error
+        raise ProblemError(f"the reference {file.name} cannot be read: {error}.") from error
     if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
         raise ProblemError(f"{file.name} is not a reference file ({SCHEMA}); build it with `hhtbench reference build`.")
     for key in ("values", "scales", "bars"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,6 +22,7 @@ from hhtbench.protocol.system import (
     Problem,
     Signature,
     System,
+    accepts,
     checked_patterns,
     declared,
     signature_of,
@@ -125,8 +127,13 @@ def arguments_at_start(problem: Problem, name: str, sizes: dict[str, int | None]
 
 
 def _call(problem: Problem, name: str, sizes: dict[str, int | None]) -> Any:
-    arguments = arguments_at_start(problem, name, sizes)
     function = declared(problem.system, name)
+    signature = signature_of(problem.system, name)
+    if callable(function) and not accepts(function, signature):
+        raise TypeError(
+            f"it must take ({', '.join(signature.arguments)}); it is declared with {inspect.signature(function)}"
+        )
+    arguments = arguments_at_start(problem, name, sizes)
     return jax.eval_shape(function, *arguments) if isinstance(problem.system, System) else function(*arguments)
 
 

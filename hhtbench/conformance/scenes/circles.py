@@ -230,7 +230,7 @@ class Sliding(Guided):
 
 
 class Rubbing(Guided):
-    """A mass on a circle with friction as large as the multiplier; the pressing force keeps that at 1 m/s^2 at every speed."""
+    """A mass on a circle with friction as large as the multiplier, which is 1 m/s^2 at every speed."""
 
     width: Any = parameter(1e-2, doc="[m/s]")
 
