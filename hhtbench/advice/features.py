@@ -15,7 +15,7 @@ from hhtbench.protocol.errors import ProblemError, Stop
 from hhtbench.protocol.system import Problem
 
 MOMENTS = (0.1, 0.4)  # shares of the interval: later times at which forces are evaluated in the state of the start
-LEAST = 1e-3  # smallest number of turns in the interval; slower motions count as this
+MIN_TURNS = 1e-3  # smallest number of turns in the interval; slower motions count as this
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,8 +94,8 @@ def probe(problem: Problem) -> Probe:
 
 
 def _turns(rate: float, span: float) -> float:
-    """Decimal logarithm of ``rate`` [1/s] times ``span`` [s] over 2 pi, at least that of ``LEAST``."""
-    return math.log10(max(rate * span / (2 * math.pi), LEAST))
+    """Decimal logarithm of ``rate`` [1/s] times ``span`` [s] over 2 pi, at least that of ``MIN_TURNS``."""
+    return math.log10(max(rate * span / (2 * math.pi), MIN_TURNS))
 
 
 def _pace(problem: Problem, acceleration: Vector) -> float:

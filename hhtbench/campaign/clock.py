@@ -18,7 +18,7 @@ from hhtbench.campaign.run import WARM_UP, Phase, of_plugins, request_of, text_o
 from hhtbench.protocol.system import Problem, Solver
 from hhtbench.solution.request import Request
 
-LEAST = 0.02  # s of solves in a reading: the clock's own steps, and what a process does beside, are far below
+MIN_READING = 0.02  # shortest reading [s of solves]: far above the clock's resolution and other activity of the process
 PATIENCE = 5.0  # times as much wall time, after which a reading of a solve that waits ends
 LONG = 0.05  # s: longer solves vary little and need one reading only
 DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
@@ -38,12 +38,12 @@ def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: 
 
 
 def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any]:
-    """Repeat the solve until ``LEAST`` seconds have passed and return the mean times of one solve [s]."""
+    """Repeat the solve until ``MIN_READING`` seconds have passed and return the mean times of one solve [s]."""
     count, cpu, wall = 0, 0.0, 0.0
     gc.disable()
     try:
         begun, used = time.perf_counter(), time.process_time()
-        while cpu < LEAST and wall < PATIENCE * LEAST:
+        while cpu < MIN_READING and wall < PATIENCE * MIN_READING:
             found = solver.solve(problem, request)
             if not found.success:
                 return {"note": f"a timed solve ended with {found.status.label}: {found.message}"}

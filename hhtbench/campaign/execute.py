@@ -166,7 +166,7 @@ class WorkerPool(Executor):
         try:
             while not self._cancelled and (not self._closed or self._left()):
                 self._turn()
-        except BaseException as error:  # noqa: BLE001 - who waits for a future is told
+        except BaseException as error:  # noqa: BLE001 - it is raised where a future is waited for
             self._failure = error
         for worker in self._workers:
             worker.kill()
@@ -256,7 +256,7 @@ class WorkerPool(Executor):
             if worker.worn:
                 self._dismiss(worker)
             else:
-                self._hand_out(worker)  # before the result is told: the worker need not wait for what becomes of it
+                self._hand_out(worker)  # before the result is delivered: the worker need not wait for its processing
             self._answer(entry, result)
         elif worker.task is not None or not worker.ready:
             self._enforce(worker)

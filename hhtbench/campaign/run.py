@@ -151,7 +151,7 @@ def run_cell(
 def system_of(problem: Problem) -> dict[str, Any]:
     """Return ``metrics["system"]`` of a row: sizes (null if the functions raise at the start) and tags."""
     sizes: dict[str, int | None] = {"n": problem.q0.size, "m": None, "p": None}
-    with suppress(*of_plugins()):  # the solve has told it
+    with suppress(*of_plugins()):  # the solve has reported it
         found = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
         sizes |= {"m": found.m, "p": found.p}
     return {**sizes, "tags": list(problem.tags)}

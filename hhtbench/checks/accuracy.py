@@ -31,14 +31,14 @@ from hhtbench.solution.result import Counters, Solution, Status
 Once = Callable[[Request], Solution]
 
 ROWS = 101  # equal distances, where no output times are asked for
-LEAST = 1e-13  # of an error that can be asked for: states carry roundoff of 1e-16 over thousands of steps
+MIN_ACCURACY = 1e-13  # smallest error that can be asked for: states carry roundoff of 1e-16 over thousands of steps
 COARSEST = {"rtol": 1e-2, "steps": 1 / 25}
 FIRST = 1e-6  # tightest tolerance of the first run: beyond, one of low order may end at roundoff and show nothing
 FINEST = {"rtol": 1e-14, "steps": 1e-8}
 STALLS = 2  # differences that do not contract, after which the search ends (roundoff)
 TOO_GOOD = 0.05  # of the error asked for: runs that agree so well may have seen nothing
 #: steps, and how many times as many in the last run as two before: so few are checked however they agree
-FEW, ALIKE = 25, 1.2
+FEW_STEPS, ALIKE = 25, 1.2
 OFF = 3.0  # times the bound: how far the motion may lead from one row to beside the next
 LEAST_OFF = 1e-11  # which the integration there does not see
 SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # of the interval: longest steps where longer ones step over something
@@ -72,9 +72,9 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
         ``accuracy`` is below what roundoff allows or above a half, or comes with tolerances or steps.
     """
     accuracy = real_number("accuracy", accuracy)
-    if not LEAST <= accuracy <= 0.5:
+    if not MIN_ACCURACY <= accuracy <= 0.5:
         raise ProblemError(
-            f"accuracy must lie between {LEAST:g} (roundoff) and 0.5, of the problem's scales; got {accuracy:g}."
+            f"accuracy must lie between {MIN_ACCURACY:g} (roundoff) and 0.5, of the problem's scales; got {accuracy:g}."
         )
     if request.fixed or request.rtol is not None or request.atol is not None:
         raise ProblemError("accuracy excludes rtol, atol, step and steps: it finds them. Give one or the other.")
@@ -172,7 +172,7 @@ class _Search:
         """Check the equations of motion between the rows if the runs may have missed a force; return the objection or ""."""
         last, taken = self.finer.runs[-1].solution, taken_by(self.finer.runs[-1])
         if self.missed is None:
-            few = taken is not None and taken < FEW and taken <= ALIKE * (taken_by(self.finer.runs[-3]) or 0)
+            few = taken is not None and taken < FEW_STEPS and taken <= ALIKE * (taken_by(self.finer.runs[-3]) or 0)
             agree = min(bound, *self.finer.differences[-2:]) <= TOO_GOOD * self.accuracy
             if (taken is not None and taken >= PLACES) or not (few or agree):
                 return ""

@@ -18,7 +18,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Collect the checks if a solver was named; nothing else if no file was named."""
+    """Let pytest collect the conformance checks if a solver was named by the option; if no file was named, collect nothing
+    else.
+    """
     if not config.getoption("--hhtbench-solver") or CONFORMANCE in config.args:
         return
     named = config.args_source is config.ArgsSource.ARGS

@@ -14,7 +14,7 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution, Status
 
 SAMPLES = 600  # states of a course: 40 a swing where an interval holds 15 swings
-ENOUGH = 120  # states for a smooth path; of a shorter span they are found anew
+SMOOTH_STATES = 120  # states for a smooth path; if a span has fewer, it is solved again
 RTOL = 1e-6  # a thousandth of a pixel
 BUDGET = 50_000  # evaluations of a default solver: counted, not seconds, so that every machine draws the same
 TIGHT = "collocation(form=ggl)"
@@ -61,7 +61,7 @@ def find_course(problem: Problem, solver: str | None = None, seconds: float | No
     whole = _course(problem, t1, solver)
     end = telling_end(whole.t, trace_points(problem, whole.q))
     kept = int(np.argmin(np.abs(whole.t - end))) + 1
-    if kept >= ENOUGH:
+    if kept >= SMOOTH_STATES:
         return replace(whole, t=whole.t[:kept], q=whole.q[:kept])
     return replace(_course(problem, end, solver), stopped=whole.stopped)
 

@@ -15,7 +15,7 @@ from hhtbench.protocol.errors import ProblemError
 VERSION = 2
 ERRORS = (sqlite3.Error, UnicodeDecodeError)  # the second: Python cannot word SQLite's message about damaged names
 DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)  # the last: a table's name is not found
-MOST_NAMED = 8  # damaged rows that are told one by one
+MOST_NAMED = 8  # damaged rows that a message names
 SELECT = f"SELECT rowid, {', '.join((*COLUMNS, 'sha256'))} FROM runs"
 
 

@@ -6,7 +6,7 @@ growth of a disturbance of that size in the window: two disturbed motions are in
 motions set their own bound.
 
 The same bound shows what a window can detect: the distance of the motion from a straight line, the motion without forces.
-A window continues until that is ``SEEN`` times what is allowed.
+A window continues until that is ``LEAVES_LINE`` times what is allowed.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.request import Request
 
 BOUND = 50.0  # times the error allowed of a step: a window has many, and libraries miss their tolerances tenfold at times
-LEAST = 10.0  # of BOUND, where BELIEVABLE lowers it
+MIN_BOUND = 10.0  # smallest value to which BELIEVABLE lowers BOUND
 BELIEVABLE = 0.02  # of the typical size: where tolerances allow that much, many steps of such errors are no motion any more
 LEFT = 0.4  # of the typical size: that far from a straight line the motion can be distinguished from it at any tolerance
 AS_FAR = 0.8  # of the way from the motion to the straight line: rows that far off ignore the forces
-SEEN = 20.0  # times the bound: how far the motion has left a straight line where a window ends
+LEAVES_LINE = 20.0  # times the bound: distance of the motion from a straight line at which a window ends
 MAX_EVALUATIONS = 800  # of the equations, for one motion in one window
 ACCURACY = 1e-3  # of the allowed error: that of the integration here
 SMALL = 0.1  # of the allowed error: disturbances, so that what becomes of them is in proportion
@@ -98,7 +98,7 @@ class Follower:
 
         def left_line(i: int, state: Vector) -> bool:
             limits.append(allowed_until(float(t[i])))
-            return self._over(state - line[i], limits[i]) > SEEN * self._bound(limits[i])
+            return self._over(state - line[i], limits[i]) > LEAVES_LINE * self._bound(limits[i])
 
         states, why = _along(motion, t, left_line)
         if not limits:
@@ -148,7 +148,7 @@ class Follower:
 
     def _bound(self, allowed: Vector) -> float:
         """Return the factor on an ``allowed`` error (2n,) by which rows may be off."""
-        return float(np.clip(BELIEVABLE / np.max(allowed / self.size), LEAST, BOUND))
+        return float(np.clip(BELIEVABLE / np.max(allowed / self.size), MIN_BOUND, BOUND))
 
     def _flow(self, t: float, y: Vector, allowed: Vector, end: float | None = None) -> Flow:
         end, rtol = self.problem.t_span[1] if end is None else end, ACCURACY * float(np.min(allowed / self.size))

@@ -43,10 +43,7 @@ def _wrong(subject: Subject, changes: dict[str, Any], *others: hb.Status, least:
 
 @row("J1", "declared force Jacobian wrong by 10 %, twice as large", "result, more iterations")
 def slightly_wrong(subject: Subject) -> Cases:
-    """Yield the cases of row J1: declared force Jacobian wrong by 10 %, twice as large.
-
-    HHT uses the Jacobian as it is declared.
-    """
+    """Yield the cases of row J1: a declared force Jacobian wrong by 10 %, or twice as large, which HHT uses as declared."""
     return _wrong(subject, SLIGHTLY_WRONG, hb.Status.success, least=1.05)
 
 
@@ -55,19 +52,13 @@ CRAWLS = {"ida": (("1e6",), "a Jacobian that is wrong by 1e6: at 6.6e-4 to 1.1e-
 
 @row("J2", "its sign, zero, transposed, 1e6 times", "result by differences, or newton_failed that names it", known=CRAWLS)
 def altogether_wrong(subject: Subject) -> Cases:
-    """Yield the cases of row J2: its sign, zero, transposed, 1e6 times.
-
-    As a failure says, or right.
-    """
+    """Yield the cases of row J2: a declared force Jacobian with the wrong sign, zero, transposed, or 1e6 times too large."""
     return _wrong(subject, ALTOGETHER_WRONG, hb.Status.newton_failed)
 
 
 @row("J3", "Jacobians NaN, of the wrong shape", "nonfinite_callback with the name; refused with the shapes")
 def broken(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row J3: Jacobians NaN, of the wrong shape.
-
-    Of force and constraint.
-    """
+    """Yield the cases of row J3: Jacobians of force and constraint that are NaN or of the wrong shape."""
     zeros, long = np.zeros((2, 2)), (np.zeros((2, 3)), np.zeros((3, 2)))
     for name, nan, wrong in (
         ("force_jacobians", (zeros * np.nan,) * 2, long),
@@ -114,10 +105,7 @@ def _with(subject: Subject, event: hb.Event, **request: Any) -> hb.Solution:
 
 @row("E2", "one event function in two solves, two solvers, two threads", "no shared record: times equal")
 def shared_event(subject: Subject) -> Cases:
-    """Yield the cases of row E2: one event function in two solves, two solvers, two threads.
-
-    Ten rounds of two threads.
-    """
+    """Yield the cases of row E2: one event function used in two threads at once, in ten rounds."""
     event = hb.Event(lambda t, q, v: q[0] - 0.37)
     alone = _with(subject, event, rtol=1e-4).t_events[0].tolist()
     with ThreadPoolExecutor(2) as pool:

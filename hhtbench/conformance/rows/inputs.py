@@ -39,10 +39,7 @@ def off_the_constraints(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("I2", "q0 from which no position meets the constraint", "inconsistent_initial in less than a second", seconds=1.0)
 def no_root(subject: Subject) -> Cases:
-    """Yield the cases of row I2: q0 from which no position meets the constraint.
-
-    From four distances.
-    """
+    """Yield the cases of row I2: a constraint without real roots, from starts at four distances."""
     system = hb.NumpySystem(force=lambda t, q, v: np.zeros(2), constraint=lambda t, q: np.array([q @ q + 1.0]))
     for size in (1e-8, 1.0, 20.0, 1e12):
         yield f"{size:g}", ends(subject.ask(system, q0=size * Q0, rtol=1e-4, calc_initcond=True), OFF)
@@ -50,10 +47,7 @@ def no_root(subject: Subject) -> Cases:
 
 @row("I3", "multipliers guessed wrong by 100, or absent", "y and z change by at most 1e-8")
 def wrong_guess(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row I3: multipliers guessed wrong by 100, or absent.
-
-    The reaction is linear: the guess is a start of an iteration at most.
-    """
+    """Yield the cases of row I3: wrong guesses of the multipliers, which at most start an iteration."""
     given = problem(Rod(), (0.0, 0.5))
     right = subject.ask(given, **request)
     for guess in (1e2, -1e4, 0.0):
@@ -90,19 +84,13 @@ def _start_refused(subject: Subject, values: dict[str, Any]) -> Cases:
 
 @row("I4", "NaN, inf, None, text, complex, masked, object, ragged q0 and v0", "refused by name before the first call")
 def no_numbers(subject: Subject) -> Cases:
-    """Yield the cases of row I4: NaN, inf, None, text, complex, masked, object, ragged q0 and v0.
-
-    The system's functions raise when they are called.
-    """
+    """Yield the cases of row I4: q0 or v0 that are no real numbers; the system's functions raise when they are called."""
     return _start_refused(subject, NO_NUMBERS)
 
 
 @row("I6", "q0, v0 of shape (1, n), (n, 1), n + 1, n - 1, ()", "refused with both shapes")
 def shapes(subject: Subject) -> Cases:
-    """Yield the cases of row I6: q0, v0 of shape (1, n), (n, 1), n + 1, n - 1, ().
-
-    As I4.
-    """
+    """Yield the cases of row I6: q0 or v0 of wrong shapes; the system's functions raise when they are called."""
     return _start_refused(subject, SHAPES)
 
 
@@ -117,10 +105,7 @@ def _kinds() -> dict[str, Any]:
 
 @row("I5", "integers, lists, float32, Fortran order, strided, read-only, JAX", "the bits of a float64 copy; input unchanged")
 def kinds(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row I5: integers, lists, float32, Fortran order, strided, read-only, JAX.
-
-    float32 means its own float64 value.
-    """
+    """Yield the cases of row I5: q0 as integers, list, float32, strided, read-only or JAX array."""
     right = subject.ask(Rod(), SHORT, **request)
     for case, q0 in _kinds().items():
         found = subject.ask(Rod(), SHORT, q0=q0, **request)
@@ -164,9 +149,6 @@ WRONG_SIZES: dict[str, Any] = {
 
 @row("I8", "sizes of M, f, g, G, F_q that disagree", "refused with the function and both shapes")
 def sizes(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row I8: sizes of M, f, g, G, F_q that disagree.
-
-    At the first call.
-    """
+    """Yield the cases of row I8: sizes of M, f, g, G, F_q that disagree, refused at the first call."""
     for name, function in WRONG_SIZES.items():
         yield name, refuses(partial(subject.ask, plane(**{name: function}), **request), name)

@@ -73,10 +73,7 @@ def long_runs(subject: Subject) -> Cases:
 
 @row("M6", "alpha outside [-1/3, 0], NaN, text", "ValueError, no clamping")
 def bad_alpha(subject: Subject) -> Cases:
-    """Yield the cases of row M6: alpha outside [-1/3, 0], NaN, text.
-
-    The same by the spec of the bench.
-    """
+    """Yield the cases of row M6: invalid alpha, passed to HHT and in a solver's spec."""
     bad: list[Any] = [0.01, 1.0, -0.34, -1.0, 1e-15, np.nan, np.inf, "-0.3", 1j, [-0.1, -0.2], True]
     for x in bad:
         yield repr(x), refuses(partial(subject.hht, plane(), alpha=x), "alpha")

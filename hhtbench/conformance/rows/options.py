@@ -35,28 +35,19 @@ def bad_tolerances(subject: Subject) -> Cases:
 
 @row("O2", "rtol 1e-20", "raised to the floor, with a warning")
 def tiny_rtol(subject: Subject) -> Cases:
-    """Yield the cases of row O2: rtol 1e-20.
-
-    Over a millisecond.
-    """
+    """Yield the case of row O2: rtol = 1e-20 over a millisecond."""
     yield "", warns(lambda: subject.ask(Rod(), (0.0, 1e-3), rtol=1e-20, atol=1e-3), "below roundoff")
 
 
 @row("O3", "rtol 1e3", "a warning that it is larger than 0.1")
 def large_rtol(subject: Subject) -> Cases:
-    """Yield the cases of row O3: rtol 1e3.
-
-    Over a tenth of a second.
-    """
+    """Yield the case of row O3: rtol = 1e3 over a tenth of a second."""
     yield "", warns(lambda: subject.ask(Rod(), (0.0, 0.1), rtol=1e3), "larger than 0.1")
 
 
 @row("O4", "h, h_max negative, zero, NaN; h longer than the interval", "refused by name; taken as the interval")
 def bad_steps(subject: Subject) -> Cases:
-    """Yield the cases of row O4: h, h_max negative, zero, NaN; h longer than the interval.
-
-    Options of HHT and fields of a request.
-    """
+    """Yield the cases of row O4: invalid steps as options of HHT and fields of a request."""
     for x in (-0.1, 0.0, np.nan, np.inf, "0.1"):
         yield f"step={x}", refuses(partial(subject.ask, UNCALLED, step=x), "step")
     if not subject.is_hht:
@@ -70,10 +61,7 @@ def bad_steps(subject: Subject) -> Cases:
 
 @row("O5", "max_num_steps 0, 20, None; few evaluations, no time", "0 refused; the status; 20 steps in the interval")
 def budgets(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row O5: max_num_steps 0, 20, None; few evaluations, no time.
-
-    With output at every step and at a few times.
-    """
+    """Yield the cases of row O5: budgets of steps, evaluations and time, with output at every step and at few times."""
     given = problem(Rod(), (0.0, 3.0))
     yield "0", refuses(lambda: subject.ask(given, rtol=1e-6, max_num_steps=0), "max_num_steps")
     cut = subject.ask(given, **request, max_num_steps=20)
@@ -113,20 +101,14 @@ def deadline(subject: Subject) -> Cases:
 
 @row("O7", "an unknown option", "TypeError that names it")
 def unknown_option(subject: Subject) -> Cases:
-    """Yield the cases of row O7: an unknown option.
-
-    Of a solve and of a solver.
-    """
+    """Yield the cases of row O7: an unknown option of a solve and of a solver."""
     yield "solve", refuses(lambda: subject.ask(UNCALLED, stepp=0.1), "stepp")
     yield "solver", refuses(lambda: subject.fresh(alhpa=-0.1), "alhpa")
 
 
 @row("S1", "t1 == t0", "success, one row, no step")
 def empty_interval(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row S1: t1 == t0.
-
-    The row is the start.
-    """
+    """Yield the case of row S1: t1 == t0, whose only row is the start."""
     found = subject.ask(Rod(), (0.5, 0.5), **request)
     good = np.array_equal(found.t, [0.5]) and np.array_equal(found.q, [Q0]) and not found.counters.steps_accepted
     yield "", arrives(found) or ("" if good else f"{found.t.size} rows, {found.counters.steps_accepted} steps")
@@ -212,10 +194,7 @@ def endless(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("S7", "NaN, text, one or three values as interval", "refused by name")
 def bad_intervals(subject: Subject) -> Cases:
-    """Yield the cases of row S7: NaN, text, one or three values as interval.
-
-    Of a problem, and of HHT's own solve.
-    """
+    """Yield the cases of row S7: invalid intervals of a problem and of HHT's own solve."""
     spans: list[Any] = [(0.0, np.nan), ("0", "1"), "01", (0.0,), (0.0, 1.0, 2.0), 1.0, None, (0.0, [1.0, 2.0]), (0.0, 1j)]
     for x in spans:
         yield str(x), refuses(partial(problem, UNCALLED, x), "t_span")
@@ -225,10 +204,7 @@ def bad_intervals(subject: Subject) -> Cases:
 
 @row("S8", "t_eval unsorted, outside, duplicate, NaN, empty", "refused by name; duplicates allowed")
 def bad_output_times(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row S8: t_eval unsorted, outside, duplicate, NaN, empty.
-
-    A duplicate gives a row twice.
-    """
+    """Yield the cases of row S8: invalid output times; a duplicate gives a row twice."""
     bad: list[Any] = [[0.5, 0.2], [0.5, 1.1], [-0.1, 0.5], [0.5, np.nan], [], 0.5, "all"]
     for x in bad:
         yield str(x), refuses(partial(subject.ask, UNCALLED, (0.0, 1.0), **request, t_eval=x), "t_eval")
@@ -239,10 +215,7 @@ def bad_output_times(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("S9", "last time and rows", "t[-1] == t1 exactly, one row per asked time, strictly monotone")
 def last_time(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row S9: last time and rows.
-
-    Forward, backward, from odd starts.
-    """
+    """Yield the cases of row S9: last time and rows of runs forward, backward, and from odd starts."""
     for t0, t1 in ((0.0, 1.0), (0.3, 1.7), (1.0, 0.1), (-1.0, 0.1)):
         times = np.linspace(t0, t1, 7)
         found, rows = (subject.ask(Rod(), (t0, t1), **request, t_eval=x) for x in (None, times))

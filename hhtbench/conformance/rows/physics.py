@@ -105,10 +105,7 @@ def singular_mass(subject: Subject) -> Cases:
 
 @row("P4", "singular KKT matrix: a coordinate with neither mass nor constraint", "singular_iteration_matrix that names it")
 def singular_matrix(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row P4: singular KKT matrix: a coordinate with neither mass nor constraint.
-
-    Constant and as a function.
-    """
+    """Yield the cases of row P4: a coordinate with neither mass nor constraint, with a constant mass and as a function."""
     function = hb.NumpySystem(mass_matrix=lambda t, q: np.diag([1.0, 0.0]), force=FUNCTIONS["force"])
     for case, system in {"constant": MASSLESS, "function": function}.items():
         yield case, ends(subject.ask(system, **request), STATUS.singular_iteration_matrix, words=("mass",))
@@ -116,10 +113,7 @@ def singular_matrix(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("P5", "a constraint twice, also times 3.7, times 1e-8", "y, z, lam of least norm right, or redundant_constraints")
 def duplicated(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row P5: a constraint twice, also times 3.7, times 1e-8.
-
-    Against the single row.
-    """
+    """Yield the cases of row P5: a constraint twice, scaled by 1, 3.7 or 1e-8, compared with the single row."""
     right = subject.ask(plane(), (0.0, 0.3), **request)
     for factor in (1.0, 3.7, 1e-8):
         rows = np.array([1.0, factor])
@@ -137,10 +131,7 @@ def duplicated(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("P6", "contradictory constraints", "inconsistent_initial")
 def contradictory(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row P6: contradictory constraints.
-
-    Two radii.
-    """
+    """Yield the case of row P6: two rods of different lengths from the same point to the same mass."""
     yield "", ends(subject.ask(two_rods(), **request), STATUS.inconsistent_initial, words=("g[1]",))
 
 

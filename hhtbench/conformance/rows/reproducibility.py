@@ -56,10 +56,7 @@ def twice(subject: Subject) -> Cases:
 
 @row("R2", "q0 off by one ulp", "difference at most 100 tolerances")
 def one_ulp(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row R2: q0 off by one ulp.
-
-    Both on the circle to rounding.
-    """
+    """Yield the cases of row R2: q0 off by one ulp; both starts lie on the circle to rounding."""
     one, other = (subject.ask(Rod(), q0=q, **request) for q in (Q0, np.nextafter(Q0, 2.0)))
     yield "", within(apart(one, other) / request.get("rtol", 1e-6), 100, "difference over the tolerance:")
 
@@ -87,10 +84,7 @@ def copies(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("R5", "two solves in two threads; one solver in two threads", "the bits of one after the other; the second use refused")
 def threads(subject: Subject) -> Cases:
-    """Yield the cases of row R5: two solves in two threads; one solver in two threads.
-
-    Fifty rounds.
-    """
+    """Yield the cases of row R5: two solves in two threads, fifty rounds, and one solver in two threads."""
 
     def run(gravity: float) -> hb.Solution:
         return subject.ask(Rod(gravity=gravity), (0.0, 0.3), rtol=1e-4)
@@ -123,10 +117,7 @@ def _second_use(subject: Subject) -> str:
 
 @row("R6", "SIGINT in mid-solve, five times", "KeyboardInterrupt within 0.5 s, next solve right")
 def interrupts(subject: Subject) -> Finding:
-    """Yield the cases of row R6: SIGINT in mid-solve, five times.
-
-    A solve of a minute; a status interrupted counts as well.
-    """
+    """Yield the cases of row R6: SIGINT during a solve of a minute, five times; the status ``interrupted`` counts as well."""
     if threading.current_thread() is not threading.main_thread():
         raise Declined("signals come to the main thread")
     before = signal.signal(signal.SIGINT, signal.default_int_handler)

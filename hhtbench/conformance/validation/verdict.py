@@ -16,7 +16,7 @@ AGREEMENT_OF_STEPS = 1e-4  # the same at constant steps of a second-order method
 CONVERGING = 0.2  # of the error at the next looser request: a solver on its way to the reference
 NEAR = 1e-3  # error beyond which nothing counts as on its way
 MULTIPLIER = 1e-2  # of the errors of lam and mu, which follow from q and v with the stiffness as a factor
-ENOUGH = 6  # pairs that must agree
+MIN_AGREEING = 6  # smallest number of pairs that must agree
 BUDGETS = ("deadline", "max_steps", "evaluation_budget")  # statuses that say nothing about the solver's answer
 LIMIT = 3.0  # of the reference's own error bar: a result this close cannot be told from it
 
@@ -126,16 +126,16 @@ def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str], makers: froz
     for problem in dict.fromkeys(verdict.problem for verdict in verdicts):
         own = [verdict for verdict in verdicts if verdict.problem == problem]
         agree = [v for v in own if v.kind is Kind.agrees and not stepped(v.solver) and v.solver not in makers]
-        few, reason = len(agree) < ENOUGH, reasons.get(problem, "")
+        few, reason = len(agree) < MIN_AGREEING, reasons.get(problem, "")
         measured = f"{len(agree)}" + (f": {reason}" if few and reason else "")
-        enough = f"at least {ENOUGH} pairs agree to {AGREEMENT:g}, or a reason is known"
+        enough = f"at least {MIN_AGREEING} pairs agree to {AGREEMENT:g}, or a reason is known"
         steps = [verdict for verdict in own if verdict.solver == "hht"]
         shown = "; ".join(f"{v.error:.1e}" if v.error is not None else v.row.status for v in steps)
         good = any(verdict.kind is Kind.agrees for verdict in steps)
         constant = f"HHT at constant steps agrees to {AGREEMENT_OF_STEPS:g}"
         rows += [
             nobody_disagrees(problem, own, "no pair disagrees with the reference"),
-            claim(f"{problem}/pairs", enough, measured, ENOUGH, not few or bool(reason)),
+            claim(f"{problem}/pairs", enough, measured, MIN_AGREEING, not few or bool(reason)),
             claim(f"{problem}/hht", constant, shown, f"{AGREEMENT_OF_STEPS:g}", good),
         ]
     return rows
