@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hhtbench import Status
-from hhtbench.campaign.clock import MIN_READING, LONG, PATIENCE, enough, time_cell, timing_of
+from hhtbench.campaign.clock import LONG, MIN_READING, PATIENCE, enough, time_cell, timing_of
 from tests.campaign.test_run import ASKED, PROBLEM, Line, line
 
 

@@ -32,7 +32,7 @@ def from_the_start(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("C2", "NaN from t = 1 on", "reaches 0.9 <= t < 1, nonfinite_callback, <= 60 rejected steps, < 2 s", seconds=2.0)
 def from_one_second_on(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row C2: functions that are NaN from t = 1 on; the last of 401 rows shows how far the solver came."""
+    """Yield the cases of row C2: functions that are NaN from t = 1 on; the last of 401 rows shows how far it came."""
     for name in PLACES:
         for count in (2, 401):
             system = spoiled(name, np.nan, lambda t, n: t >= 1.0)
@@ -140,7 +140,7 @@ def changes_in_place(subject: Subject) -> Cases:
 
 @row("C9", "one buffer reused for every return; a view of the argument", "bitwise as with fresh arrays")
 def buffers(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Yield the cases of row C9: one buffer reused for every return, or a view of the argument (SciPy's BDF is off by 4e2)."""
+    """Yield the cases of row C9: one buffer reused for every return, or a view of the argument (SciPy's BDF fails)."""
     kept = {"force": np.empty(2), "constraint": np.empty(1), "constraint_jacobian": np.empty((1, 2))}
 
     def fill(name: str) -> Callable[..., Any]:

@@ -117,7 +117,7 @@ def _second_use(subject: Subject) -> str:
 
 @row("R6", "SIGINT in mid-solve, five times", "KeyboardInterrupt within 0.5 s, next solve right")
 def interrupts(subject: Subject) -> Finding:
-    """Yield the cases of row R6: SIGINT during a solve of a minute, five times; the status ``interrupted`` counts as well."""
+    """Yield the cases of row R6: SIGINT during a long solve, five times; the status ``interrupted`` counts as well."""
     if threading.current_thread() is not threading.main_thread():
         raise Declined("signals come to the main thread")
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
