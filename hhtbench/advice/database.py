@@ -29,8 +29,8 @@ from hhtbench.protocol.errors import ProblemError
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 HELD = (None, 1e-10)  #: bounds of the drift: none, and what projection and HHT keep
-VERSIONS = ("hhtbench", "numpy", "scipy", "jax", "scikit-sundae")  #: of which the rows say what they were made with
-PARTS = 100.0  # of a decade, to which a cost is rounded: 2 %
+VERSIONS = ("hhtbench", "numpy", "scipy", "jax", "scikit-sundae")  #: libraries whose versions are stored
+PARTS = 100.0  # costs are rounded to this fraction of a decade: 2 %
 KIND = {"schema": "hhtbench.advice/1", "accuracies": list(ACCURACIES), "features": list(NAMES)}  # of a file
 KEYS = {(on, bound): on if bound is None else f"{on}, drift {bound:g}" for on, bound in product(MEASURES, HELD)}
 
@@ -42,7 +42,7 @@ class Scene:
     spec: str
     features: Features
     costs: Mapping[tuple[str, float | None], Matrix]  #: (measure, bound) -> (entries, accuracies); infinite: not reached
-    probe_evaluations: float  #: what the probe's accelerations count as, beside the evaluations of ``costs``
+    probe_evaluations: float  #: cost of the probe's accelerations in evaluations as in ``costs``
     probe_seconds: float  #: [s]
 
     @property

@@ -28,8 +28,8 @@ class Features:
     redundant: float  #: 1 where rows of the constraints depend on others at the start
     variable_mass: float  #: 1 where the mass depends on t or q
     fastest: float  #: log of the turns (or times 2 pi, decays) of the fastest mode in the interval; at least ``pace``
-    pace: float  #: the same of the motion itself at the start
-    damping: float  #: of the fastest mode, 0 (it swings) to 1 (it decays)
+    pace: float  #: log of the turns of the motion itself, from its rate at the start
+    damping: float  #: damping ratio of the fastest mode, 0 (oscillation) to 1 (decay)
 
     @property
     def vector(self) -> Vector:

@@ -35,9 +35,9 @@ class Line:
     gain: tuple[float, float]  #: interval of the median of the logarithm of the regret over the best fixed choice's
     spoken: float = 1.0  #: share of the questions that were answered; the others take the best fixed choice
     right: float = float("nan")  #: share of the answers within twice the best
-    silent: float = float("nan")  #: the same of what is taken where there is no answer
+    silent: float = float("nan")  #: share within twice the best of the fixed choices taken without an answer
     right_high: float = float("nan")  #: 95th percentile of the regret of the answers, one vote a scene and error
-    silent_high: float = float("nan")  #: the same of what is taken where there is no answer
+    silent_high: float = float("nan")  #: 95th percentile of the regret of the fixed choices taken without an answer
 
 
 def thumb(scene: Scene) -> str:

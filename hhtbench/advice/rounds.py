@@ -24,9 +24,9 @@ FIRST_CAP = 1.0  # time limit of one solve [s] in the first round and the smalle
 GROWTH = 4.0  # growth of the time limit from round to round
 ROOM = 2.0  # factor on SEVERAL times the best: a solve beside other work takes longer than alone
 BATCH = 2  # candidates a worker between two readings of the clock: none waits for the slowest of few
-SOLVES = 4.0  # of the longest kind that a candidate may make in a round
+SOLVES = 4.0  # time limit of a candidate in a round, in solves of the longest kind
 REFINEMENTS = 16  # most settings of one candidate
-FINALISTS = 2.0  # times the cheapest at some error: who is timed again
+FINALISTS = 2.0  # candidates up to this ratio to the cheapest at some error are timed again
 REPEATS = 3  # readings of each of their solves, where times decide
 UNTRIED = "not tried: the time was up"
 
@@ -44,7 +44,7 @@ class Rounds:
     tell: Callable[[str], None]
     pace: Progress  #: called whenever a cell has ended
     rows: dict[str, RunRow] = field(default_factory=dict)  #: by key
-    left_out: dict[str, str] = field(default_factory=dict)  #: entry -> why it was given up
+    left_out: dict[str, str] = field(default_factory=dict)  #: entry -> why it was dropped
 
     def run(self, candidates: Sequence[Candidate]) -> None:
         """Run rounds until no candidate could improve, every error is reached, or the time is up."""

@@ -38,7 +38,7 @@ class Advice(Printed):
 
     problem: str
     taken: str | None  #: the solver with its options, as ``hb.solve`` takes it; None: no solver can be named
-    taken_by: str | None  #: what ``hb.solve`` is given for the error: "rtol", or "steps" for constant ones
+    taken_by: str | None  #: argument of ``hb.solve`` that controls the error: "rtol", or "steps" for constant steps
     second: str | None
     second_by: str | None
     on: str  #: what was compared: "time" or "evaluations"

@@ -38,8 +38,8 @@ from hhtbench.solution.request import Request
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 SECONDS = 60.0
-REFERENCE_SHARE = 0.25  # of the seconds, that each solve of the reference may take
-LAST_SHARE = 0.85  # of the seconds, after which no candidate begins: the rest is for timing those that may win
+REFERENCE_SHARE = 0.25  # time limit of each solve of the reference, over the seconds
+LAST_SHARE = 0.85  # share of the seconds after which no candidate begins: the rest is for timing the cheapest
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,7 @@ class Trade(Printed):
     unknown: str  #: why they are measured against nothing, or ""
     rows: tuple[RunRow, ...]  #: one a solve, as those of a campaign
     fronts: tuple[Front, ...]  #: at every error, the loosest first, what the runs took that reach it
-    left_out: dict[str, str]  #: entry -> why it was given up
+    left_out: dict[str, str]  #: entry -> why it was dropped
     seconds: float  #: what it took [s]
     note: str = ""  #: on errors of a problem without scales
 

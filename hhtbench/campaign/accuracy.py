@@ -15,8 +15,8 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution
 
 COMPONENTS = ("q", "v", "lam", "mu")
-SAME_TIME = 1e-12  # of the interval: an output time and a reference time that differ by rounding
-SPACINGS = 4  # of floating-point times, which may be further apart than that
+SAME_TIME = 1e-12  # distance over the interval within which an output time equals a reference time
+SPACINGS = 4  # the same in spacings of floating-point times, which may be larger
 MOST_EXACT = 200  # rows at which an exact solution is computed, evenly spread: it is Python, up to 0.2 ms a row
 FIRST = 10  # leading rows that are always compared: errors of the multipliers at the start show only there
 
@@ -30,8 +30,8 @@ class Comparison:
     at_end: bool  #: the last row lies at the end of the interval
     t: Vector  #: (k,) compared times [s]
     got: Mapping[str, Matrix]  #: component or observable -> (k, size)
-    true: Mapping[str, Matrix]  #: the same
-    scale: Mapping[str, Vector]  #: the same -> (size,)
+    true: Mapping[str, Matrix]  #: true values, as ``got``
+    scale: Mapping[str, Vector]  #: component or observable -> (size,) scale
     observables: tuple[str, ...]
     unknown: NDArray[np.bool_]  #: (k,) where multipliers are nan: they do not exist there
 

@@ -36,10 +36,10 @@ COARSEST = {"rtol": 1e-2, "steps": 1 / 25}
 FIRST = 1e-6  # tightest tolerance of the first run: beyond, one of low order may end at roundoff and show nothing
 FINEST = {"rtol": 1e-14, "steps": 1e-8}
 STALLS = 2  # differences that do not contract, after which the search ends (roundoff)
-TOO_GOOD = 0.05  # of the error asked for: runs that agree so well may have seen nothing
+TOO_GOOD = 0.05  # differences below this share of the error asked for may come from a force that no run has met
 #: steps, and how many times as many in the last run as two before: so few are checked however they agree
 FEW_STEPS, ALIKE = 25, 1.2
-OFF = 3.0  # times the bound: how far the motion may lead from one row to beside the next
+OFF = 3.0  # times the bound: largest distance of the integrated motion from the next row
 LEAST_OFF = 1e-11  # which the integration there does not see
 SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # of the interval: longest steps where longer ones step over something
 PLAIN = Problem(name="plain", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0.0, 1.0), q0=np.ones(1), v0=np.zeros(1))

@@ -17,12 +17,12 @@ CONTRACTS = 0.7  # largest ratio of one difference to that before it from which 
 SAFETY = 1.5  # times the estimate: one and a half of what a geometric series leaves
 AGREEMENT = 5.0  # of the largest of two differences that do not contract, for the error
 SMALL = 0.1  # of the range of the motion: a difference below it should contract
-LEAST_SHARE = 1 / 3  # of the last difference, of solvers whose error is smooth: less is not believed, however fast it falls
-LEAST_SHARE_ELSE = 2 / 3  # of others, whose error falls with a power of the tolerance below one, and by leaps
+LEAST_SHARE = 1 / 3  # smallest believed error over the last difference, for solvers whose error is smooth
+LEAST_SHARE_ELSE = 2 / 3  # the same for other solvers, whose error falls irregularly with the tolerance
 ORDER = {"rtol": 1.0, "steps": 2.0}  # of the error in the setting: of most solvers, and the least of those of steps
-ROUNDOFF = 1e-13  # scaled differences that are none
-AIM = 0.35  # of the error asked for that the finer run of the next pair aims at
-MOST_FINER = 1e4  # at once, of a tolerance
+ROUNDOFF = 1e-13  # scaled differences up to this are roundoff
+AIM = 0.35  # the finer run of the next pair aims at this share of the error asked for
+MOST_FINER = 1e4  # largest refinement of a tolerance at once
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from hhtbench.solution.result import Solution, Status
 
 MAX_SECONDS = 3.0  # of one solve, unless a cell says otherwise
 MAX_COMPILING = 60.0  # [s] of the single step before it, in which functions are compiled
-ROWS = 21  # of output under error control; prescribed steps are all seen, between them an interpolant would be judged too
+ROWS = 21  # output rows under error control; prescribed steps are all judged, but no interpolant between them
 OUT_OF_BUDGET = (Status.deadline, Status.max_steps, Status.evaluation_budget)
 DIED = (Status.crashed, Status.out_of_memory)
 

@@ -105,7 +105,7 @@ class Entry:
     """One check of a solver; measured by :meth:`run`."""
 
     id: str  #: "nan/force", "M1", "stiffness"
-    sentence: str  #: what is claimed; of a row what is expected, of a family where the expectation comes from
+    sentence: str  #: the claim; for a row the expectation, for a family the source of the expectation
     measure: Measure | None  #: None: held by ``tests`` alone
     needs: tuple[str, ...] = ()  #: of a solver, as :meth:`Subject.lacks` knows them
     scenes: tuple[str, ...] = ()  #: of a claim that is made once on each
@@ -113,10 +113,10 @@ class Entry:
     cells: Callable[[int], Iterable[Any]] | None = None  #: of a family, by seed
     lane: Lane = Lane.fast
     known: Known = field(default_factory=dict)  #: failures, strict
-    goes_in: str = ""  #: of a row
-    tests: tuple[str, ...] = ()  #: that hold a row, as pytest names them
-    gap: str = ""  #: what of a row neither measurement nor tests show
-    parameter: str = ""  #: of a family, with its unit
+    goes_in: str = ""  #: input of a row
+    tests: tuple[str, ...] = ()  #: tests that cover a row, as pytest names them
+    gap: str = ""  #: part of a row that neither measurement nor tests cover
+    parameter: str = ""  #: parameter of a family, with its unit
 
     def cases(self, seed: int = 0) -> Iterator[tuple[Any, ...]]:
         """Yield the arguments of :meth:`run` after the subject: none, a scene or part of a claim, or a cell of a family."""

@@ -18,7 +18,7 @@ from hhtbench.solution.result import Solution
 
 LEVELS = {"position": ("q",), "velocity": ("v",), "acceleration": ("lam", "mu")}  # of the motion -> what is compared
 ROWS = 11  # output times, equal distances
-FACTOR = 100.0  # of the tolerance: how far two good solvers may be apart after a whole run
+FACTOR = 100.0  # largest difference of two good solvers after a whole run, over the tolerance
 FIRST_STEPS, MAX_STEPS = 200, 51_200  # of solvers with prescribed steps: doubled until the motion stays
 Motion = Mapping[str, Matrix]  # of "q", "v", "lam", "mu": (rows, width)
 

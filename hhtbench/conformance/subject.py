@@ -25,7 +25,7 @@ from hhtbench.solution.result import Solution, Status
 
 TOLERANCES = (1e-3, 1e-4, 1e-5)  # loose to tight
 STEPS = (100, 200, 400)  # the same for solvers of prescribed steps
-ACCURACY = 100.0  # of the tolerance: what the error of a whole run may be where a solver claims nothing better
+ACCURACY = 100.0  # largest error of a whole run over the tolerance if a solver claims nothing better
 ITERATIONS = 15.0  # of Newton's a step: simplified Newton on all stages of a method of high order needs ten
 ROUNDOFF = 1e-9  # errors below it tell nothing about a method
 COMPONENTS = ("q", "v", "lam", "mu")

@@ -13,7 +13,7 @@ from hhtbench.protocol.errors import ProblemError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-LARGEST_INTEGER = 2**63 - 1  # what compiled loops count with
+LARGEST_INTEGER = 2**63 - 1  # range of the compiled loops' counters
 FLOAT = np.dtype(np.float64)
 MAX_SUMMED = 36  # entries of an array whose finiteness is checked by a Python sum, five times faster
 LONGEST_SHOWN = 60  # characters of a value in a message

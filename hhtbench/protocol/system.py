@@ -416,10 +416,7 @@ class Solver(Protocol):
     name: str
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
-        """Return the reason why this solver cannot take the problem or request, or None;
-
-        no function of the system is called.
-        """
+        """Return the reason why this solver cannot take the problem or request, or None; calls no function of the system."""
 
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate; numerical failures end in ``Solution.status``, never in an exception."""

@@ -38,8 +38,8 @@ class Clock:
     prepared: dict[str, float] = field(default_factory=dict)  #: what was traced or compiled -> [s]
     in_use: bool = False  #: a solver has taken it
     late: float = 0.0  #: beyond the limit [s]
-    kept_back: float = 0.0  #: of the limit, for handing over what was computed [s]
-    passed_in: str = ""  #: what was being prepared when the time ended
+    kept_back: float = 0.0  #: part of the limit reserved for returning what was computed [s]
+    passed_in: str = ""  #: note on the preparation during which the time ended
     work: Work | None = None  #: counts the callbacks of a NumPy system while the solve runs
     kept: dict[Any, Any] = field(default_factory=dict)  #: difference derivatives at the latest (t, q, v)
     callback: str = ""  #: the callback of a NumPy system called last
@@ -251,10 +251,7 @@ class Work:
         self.clock.late = LATE * (self.clock.limit or 0.0) + LATE_SECONDS
 
     def for_output(self) -> ForOutput:
-        """Return a context manager inside which evaluations are booked as ``output_evaluations``;
-
-        budgets still count them.
-        """
+        """Return a context manager in which evaluations count as ``output_evaluations``; budgets still count them."""
         return ForOutput(self)
 
     def counted_for_steps(self) -> dict[str, Any]:

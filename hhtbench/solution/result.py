@@ -164,7 +164,7 @@ class Solution(Filled):
     lam: Matrix  #: (n_t, m) multipliers of the position constraints
     mu: Matrix  #: (n_t, p) multipliers of the velocity constraints
     status: Status
-    message: str  #: what happened, where, and what to do
+    message: str  #: outcome, place and advice
     counters: Counters = field(default_factory=lambda: NOT_REPORTED)
     steps_data: StepsData | None = field(default_factory=lambda: None)  #: HHT only, made when it is read
     carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)

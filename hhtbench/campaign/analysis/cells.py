@@ -47,7 +47,7 @@ class Point:
     key: str
     problem: str
     solver: str  #: its canonical spec
-    entry: str  #: the same without quotes, with ``CONSTANT`` where the request prescribes steps
+    entry: str  #: the spec without quotes, with ``CONSTANT`` where the request prescribes steps
     setting: Setting
     status: str
     message: str
@@ -55,16 +55,16 @@ class Point:
     error: float | None  #: :func:`state_error`; None where the run failed or nothing was compared
     doubted: float | None  #: error of a run that came to an end but is not believed; shown, never ranked
     lam: float | None  #: scaled error of the multipliers of position constraints, also of a run that is not believed
-    mu: float | None  #: the same of velocity constraints
+    mu: float | None  #: scaled error of the multipliers of velocity constraints
     compared: int | None  #: number of times at which the error was taken
     limit: float  #: error below which the reference cannot judge; 0 for an exact solution
     time: float | None  #: processor time of one solve [s]
     first: float | None  #: time of a solve before all others, compilation included [s]
-    repeats: tuple[float, ...]  #: the same of every repeat, taken at different times [s]
+    repeats: tuple[float, ...]  #: processor time of every repeat, spread over time [s]
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
-    allowed: float | None  #: what the solve was allowed [s]
-    rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
-    held_out: bool  #: of a problem on which defaults were not tuned
+    allowed: float | None  #: time limit of the solve [s]
+    rules: Rules | None  #: rules of the campaign; None: the setting was given explicitly
+    held_out: bool  #: defaults were not tuned on the problem
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve

@@ -46,7 +46,7 @@ class Next:
     """Setting and time limit of the next run."""
 
     value: float  #: relative tolerance, or 1 / number of steps
-    seconds: float  #: what it may take [s]
+    seconds: float  #: time limit [s]
 
 
 def next_setting(runs: Sequence[Point], rules: Rules, kind: str = "rtol") -> Next | End:

@@ -9,8 +9,8 @@ import numpy as np
 from hhtbench.checks.problem.reference import Probe, Reference, References, blocks
 from hhtbench.protocol.arguments import Matrix, Vector
 
-OWN_ERROR = 2.0  # times the error that differences show themselves is no deviation
-USABLE = 1e-2  # of a row, of which a hundredth of its terms counts: differences with a larger error judge nothing
+OWN_ERROR = 2.0  # deviations below this multiple of the differences' own error are ignored
+USABLE = 1e-2  # share of a row's terms added to its size; differences with a larger relative error are not used
 
 
 @dataclass(frozen=True)

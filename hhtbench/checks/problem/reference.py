@@ -21,8 +21,8 @@ from hhtbench.lowering.dynamics.dynamics import evaluate
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.system import declared
 
-FIRST_STEP = 2.0**-8  # of the typical size
-HALVINGS = 20  # of that step at most: features down to a millionth of the typical size are seen
+FIRST_STEP = 2.0**-8  # first difference step over the typical size
+HALVINGS = 20  # most halvings of that step: resolves features of a millionth of the typical size
 AGREE = 1e-9, 1e-11  # relative, and of the row: differences this close need no smaller step
 
 

@@ -20,13 +20,13 @@ from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution, ends_of
 
-STILL = 1e-3  # of the median speed of change: slower rows may be frozen
-LEAP = 30.0  # times the median difference between the way to the next row and that by the velocities: above, maybe a jump
-APART = 1e-9  # of the interval: the way between rows nearer to one another is roundoff
+STILL = 1e-3  # share of the median speed of change below which rows may be frozen
+LEAP = 30.0  # times the median mismatch of positions and velocities: larger ones may be a jump
+APART = 1e-9  # share of the interval below which the change between two rows is roundoff
 PLACES = 200  # at which accelerations are compared, one in each of as many equal parts of the interval
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # its multiples' fractional parts hit no grid
 WORST = 3  # ways between rows that are integrated, beside those across jumps of the velocities
-FINER = 1e-2  # times what is allowed: tolerance of the integration
+FINER = 1e-2  # tolerance of the integration, relative to the allowed distance
 MAX_EVALUATIONS = 2000  # of the accelerations
 BLIND = "the equations of motion cannot be checked between the rows"
 

@@ -17,11 +17,11 @@ from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
 
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
-DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval
+DRIFT = 1e4  # times the relative tolerance: drift allowed to forms that differentiate the constraints
 CHECKED_ROWS = 200  # the last one included: more would cost more than the steps
 SLOW_ROWS = 3  # of systems without machine code, where a row costs as much as a residual
-NUMBERS = 40_000  # of the constraint levels of all rows that are checked by machine code: a fraction of a millisecond
-BESIDE = 1e-3  # of the largest component: solvers measure the errors of small ones by what is beside them
+NUMBERS = 40_000  # most numbers of constraint levels that machine code evaluates in a check: a fraction of a millisecond
+BESIDE = 1e-3  # share of the largest component by which smaller ones are scaled at least, as solvers do
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 _known = Cache(16)

@@ -25,13 +25,13 @@ from hhtbench.solution.request import Request
 
 BOUND = 50.0  # times the error allowed of a step: a window has many, and libraries miss their tolerances tenfold at times
 MIN_BOUND = 10.0  # smallest value to which BELIEVABLE lowers BOUND
-BELIEVABLE = 0.02  # of the typical size: where tolerances allow that much, many steps of such errors are no motion any more
-LEFT = 0.4  # of the typical size: that far from a straight line the motion can be distinguished from it at any tolerance
+BELIEVABLE = 0.02  # largest error, over the typical size, that any tolerance allows of a step times BOUND
+LEFT = 0.4  # distance from a straight line, over the typical size, that distinguishes the motion from it at any tolerance
 AS_FAR = 0.8  # of the way from the motion to the straight line: rows that far off ignore the forces
 LEAVES_LINE = 20.0  # times the bound: distance of the motion from a straight line at which a window ends
 MAX_EVALUATIONS = 800  # of the equations, for one motion in one window
-ACCURACY = 1e-3  # of the allowed error: that of the integration here
-SMALL = 0.1  # of the allowed error: disturbances, so that what becomes of them is in proportion
+ACCURACY = 1e-3  # error of the integration here, over the allowed error
+SMALL = 0.1  # size of disturbances over the allowed error: small, so that their growth is linear
 MAX_DISTURBED = 8  # motions beside one that the rows do not follow
 
 
@@ -57,7 +57,7 @@ class Window:
     start: float  #: [s]
     at: float  #: where the largest error is [s]
     off: float = 0.0  #: the largest error
-    bound: float = BOUND  #: what it may be
+    bound: float = BOUND  #: largest allowed value of ``off``
     seen: float = 0.0  #: the largest error of a straight line from the first row
     blind: float | None = None  #: error over the straight line's, where the motion has left that by ``LEFT``; None: nowhere
     unfinished: str = ""  #: why it ends before the last row although the motion has not left the straight line

@@ -20,10 +20,10 @@ from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Solution
 
-ROUNDOFF = 1e-8  # of the largest force
+ROUNDOFF = 1e-8  # roundoff of the reaction over the largest force
 LAG = 7.0  # times the square root of the error allowed of a step, in typical sizes: HHT's stages lag by up to 5.4
-MAX_SHARE = 0.5  # of the reaction: what is further off has no digit
-BESIDE = 1e-3  # of the largest component: errors of small ones are measured by what is beside them
+MAX_SHARE = 0.5  # largest allowed error over the reaction: beyond it no digit is right
+BESIDE = 1e-3  # share of the largest component by which smaller ones are scaled at least
 STATES_BESIDE = 2  # states beside that of the row
 
 

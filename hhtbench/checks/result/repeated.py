@@ -10,7 +10,7 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution
 
-ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
+ANOTHER, GLOBAL = 0.4, 1e4  # largest believable difference of two ends: over the size, and over the relative tolerance
 FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
 
 

@@ -22,12 +22,12 @@ from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Ends, Solution, Status
 
-SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
-SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
-REPORTED = 0.9  # of the steps that are counted: so many ends at least
+SAME_TIME = 1e-9  # largest distance of a row from its output time, over the interval
+SAME_START = 1e-6  # largest distance of the first row from the start, over the size (or twice the relative tolerance)
+REPORTED = 0.9  # smallest number of step ends over the counted steps
 COUNTED = tuple(field.name for field in fields(Counters) if field.name != "provenance")
 EMPTY = np.zeros(0)
-MOVED = 0.1  # of the typical size: by that much the start leads away over the interval, to first order
+MOVED = 0.1  # first-order motion over the interval, in typical sizes, above which rows must not stand still
 
 
 def check_success(problem: Problem, request: Request, solution: Any, clock: Clock | None = None) -> str:

@@ -12,8 +12,8 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.result import Solution
 
-LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known
-ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints are always below
+LOST = 1e-2  # ratio of a singular value to its value elsewhere below which NaN multipliers are accepted
+ALWAYS = 1e-10  # ratio to the largest singular value below which constraints are redundant everywhere
 ELSEWHERE = 20  # rows that show what singular values are elsewhere
 
 

@@ -24,7 +24,7 @@ ENERGETIC = tuple(name for name in EVERY if name != "mass" and name != "mixed")
 FALLS = 0.8  # least order of a method that claims none
 MAX_SHORT = 0.2  # by how much a measured order may miss the claimed one
 RECOVERED = 1e-6  # relative difference of multipliers from those of the acceleration level at the same state
-DIFFERENCES = 1e-8  # what constraints hold to whose derivatives are differences
+DIFFERENCES = 1e-8  # violation of constraints whose derivatives are differences
 DERIVATIVES = ("constraint_jacobian", "constraint_time_derivative", "constraint_acceleration", "force_jacobians")
 UNEVEN = np.array([1.0, 2.0, 1.5, 3.0, 1.0])  # lengths of steps, as parts of one another
 TILES = (40, 80)  # of them
