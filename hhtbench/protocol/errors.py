@@ -48,5 +48,6 @@ class BudgetSpent(Stop):
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return the hint " Did you mean ...?" with the closest of ``known``; empty string if none is close."""
-    close = get_close_matches(name, list(known), n=1)
+    names = list(known)
+    close = [other for other in names if other.lower() == name.lower()] or get_close_matches(name, names, n=1)
     return f" Did you mean {close[0]}?" if close else ""
