@@ -17,4 +17,5 @@ one_blas_thread()  # several pytest processes share the cores
 @pytest.fixture(autouse=True, scope="module")
 def _what_is_there_stays() -> None:
     """The garbage collector need not go through imports and earlier files' compiled functions again and again."""
+    gc.collect()  # what is frozen as garbage is never freed
     gc.freeze()

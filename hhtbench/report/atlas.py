@@ -17,8 +17,8 @@ SILENT = "silently wrong"
 TOLERANCES = 1000.0  # of a success that is silently wrong: motions of the library magnify errors by up to 200
 DECLINED = "declined"
 COUNTED = (
-    "How many runs, by solver and form (lines) and by cause (columns); declined ones stand with their problem. "
-    f"Silently wrong: a success under error control that is off by more than {TOLERANCES:g} times its tolerance."
+    "The table counts runs by solver and form (rows) and by cause (columns). Runs that a solver declines are listed with "
+    f"their problem. Silently wrong: a run that reports success but whose error exceeds {TOLERANCES:g} times its tolerance."
 )
 
 
@@ -29,7 +29,7 @@ class Failure(NamedTuple):
     form: str  #: "" where the spec names none
     problem: str
     accuracy: str  #: decade of what was asked: "rtol 1e-6", "1e3 steps"
-    cause: str  #: label of the status; of a result that is not believed what speaks against it; silently wrong
+    cause: str  #: label of the status; of a rejected result the check that fails; silently wrong
     runs: int
     reached: float | None  #: largest fraction of the interval
     message: str  #: of the first of them
@@ -75,7 +75,7 @@ class Atlas:
 
 
 def failure_atlas(rows: Sequence[RunRow]) -> Atlas:
-    """Every run that failed, is not believed, or is off by more than a thousand tolerances and says nothing."""
+    """Every run that failed, was rejected by the check of its result, or is silently wrong."""
     groups: dict[tuple[str, str, str, str, str], list[RunRow]] = {}
     for row in rows:
         cause = cause_of(row)

@@ -6,18 +6,16 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from hhtbench.report import colours
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.frame import Chart, EdgeMark, Frame, Trace, make_frame, place_of
 
 HEIGHT = 430  # pixels
 MAX_TICKS = 9  # of a logarithmic axis: labels of more are turned
-FAR = 1e-3  # of the largest time: where a run is shorter, single precision shows steps
-NARROW_DIGITS = 4  # significant digits kept for the page
+DIGITS = 3  # significant digits of a value on a page
+PARTS = 1000.0  # of the range of an axis: values over time are rounded to one of them
 
-# What a mark at the edge looks like: the reader tells a spent budget from a refusal without hovering.
+# Marks at the edge by status: a spent budget and a refusal differ without hovering.
 STATUS_SYMBOLS = {
     "declined": "circle-open",
     "deadline": "hourglass-open",
@@ -33,12 +31,12 @@ OTHER_SYMBOL = "triangle-up-open"
 def draw(chart: Chart, styles: Mapping[str, SolverStyle]) -> dict[str, Any]:
     """The figure as plotly.js takes it; its legend is the page's, which shows and hides a solver on all charts.
 
-    ``front`` names who is shown first.  Not made by plotly.py's own classes, which look at every value for as long as all
-    else of a report takes.
+    ``front`` names who is shown first.  Not made by plotly.py's own classes, which check every value and take as long as
+    all else of a report.
     """
     frame = make_frame(chart)
     order = {entry: index for index, entry in enumerate(styles)}
-    data = [_trace(trace, styles[trace.entry]) for trace in chart.traces]
+    data = [_trace(trace, styles[trace.entry], chart) for trace in chart.traces]
     for mark in chart.marks:
         place = place_of(chart, frame, mark, order[mark.entry], len(order))
         data.append(_mark(mark, styles[mark.entry], place))
@@ -103,7 +101,7 @@ def _end_ticks(layout: dict[str, Any], end: float, strip: float) -> None:
         layout.pop("minor", None)
 
 
-def _trace(trace: Trace, style: SolverStyle) -> dict[str, Any]:
+def _trace(trace: Trace, style: SolverStyle, chart: Chart) -> dict[str, Any]:
     look: dict[str, Any] = {"type": "scatter", "name": trace.entry, "line": style.line}
     if trace.text:
         look |= {
@@ -118,22 +116,23 @@ def _trace(trace: Trace, style: SolverStyle) -> dict[str, Any]:
         look |= {
             "mode": "lines",
             "hovertemplate": f"<b>%{{fullData.name}}</b><br>{trace.note}<br>%{{x:.4g}} s: %{{y:.3g}}<extra></extra>",
-            "x": packed(trace.x),
-            "y": np.asarray(trace.y, dtype=np.float32),
+            "x": trace.x if chart.logarithmic_x else on_axis(trace.x),
+            "y": trace.y if chart.logarithmic_y else on_axis(trace.y),
         }
     return look
 
 
-def packed(x: Sequence[float]) -> np.ndarray:
-    """For plotly, half the page in single precision, where that tells times apart: not far from 0."""
-    times = np.asarray(x, dtype=np.float64)
-    near = np.ptp(times) > FAR * np.max(np.abs(times), initial=0.0) if times.size else True
-    return times.astype(np.float32) if near else times
+def on_axis(values: Sequence[float | None]) -> list[float | None]:
+    """With as many decimals as a linear axis shows."""
+    known = [value for value in values if value is not None and math.isfinite(value)]
+    width = max(known, default=0.0) - min(known, default=0.0) or max(map(abs, known), default=0.0) or 1.0
+    decimals = math.ceil(math.log10(PARTS / width))
+    return [None if value is None else round(value, decimals) for value in values]
 
 
 def rounded(value: float | None) -> float | None:
     """As many digits as the page needs."""
-    return None if value is None else float(f"{value:.{NARROW_DIGITS}g}")
+    return None if value is None else float(f"{value:.{DIGITS}g}")
 
 
 def _mark(mark: EdgeMark, style: SolverStyle, place: tuple[float, float]) -> dict[str, Any]:
@@ -152,7 +151,7 @@ def _mark(mark: EdgeMark, style: SolverStyle, place: tuple[float, float]) -> dic
 
 
 def _symbol(mark: EdgeMark, style: SolverStyle) -> str:
-    """The solver's own mark, hollow, in its own place; at the edge a mark that tells the status."""
+    """The solver's own mark, hollow, in its own place; at the edge a mark of its status."""
     if mark.inside:
         return f"{style.symbol}-open"
     return "triangle-down-open" if mark.y == 0 else STATUS_SYMBOLS.get(mark.status, OTHER_SYMBOL)
@@ -177,5 +176,5 @@ def _edges(chart: Chart, frame: Frame) -> dict[str, Any]:
             {"type": "line", "xref": "paper", "x0": 0, "x1": 1, "y0": chart.limit, "y1": chart.limit, "line": line}
         )
         place = {"x": 0.005, "xanchor": "left", "y": math.log10(chart.limit), "yanchor": "top"}
-        labels.append(small | place | {"bgcolor": "rgba(255,255,255,0.8)", "text": "the reference cannot judge below"})
+        labels.append(small | place | {"bgcolor": "rgba(255,255,255,0.8)", "text": "error bar of the reference"})
     return {"shapes": shapes, "annotations": labels}

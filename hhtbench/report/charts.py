@@ -48,13 +48,13 @@ def _shows_something(chart: Chart) -> bool:
 
 def _against_work(rows: Sequence[RunRow], measure: str) -> Chart | None:
     runs = analysis.points(rows)
-    remark = _remark(runs) if measure == "time" else f" {weighed(runs)} {uncounted(analysis.silent(rows))}".rstrip()
+    note = _disturbances(runs) if measure == "time" else f" {weighed(runs)} {uncounted(analysis.silent(rows))}".rstrip()
     return Chart(
         id=f"work-{measure}",
         group=PRECISION,
         view=measure,
         title=f"Error against {WORK[measure].partition(' [')[0]}",
-        caption=f"Left and low is better: small error{compared(runs)}, for little work.{remark}",
+        caption=f"Left and low is better: small error{compared(runs)}, for little work.{note}",
         x_label=WORK[measure],
         y_label=STATE_ERROR,
         **curves_of(runs, lambda run: run.work(measure), _error),
@@ -93,7 +93,7 @@ def _limit(runs: Sequence[Point]) -> float:
     return max((run.limit for run in runs), default=0.0)
 
 
-def _remark(runs: Sequence[Point]) -> str:
+def _disturbances(runs: Sequence[Point]) -> str:
     """How many of the times are not clean."""
     timed = [run for run in runs if run.success and run.time is not None]
     beside, disturbed = (sum(test) for test in ((not run.alone for run in timed), (run.disturbed for run in timed)))
@@ -117,7 +117,7 @@ def _convergence(rows: Sequence[RunRow], kind: str) -> Chart | None:
         group=CONVERGENCE,
         view=VIEWS[kind],
         title=f"Error against {what}",
-        caption=f"What a {what} buys. {text}",
+        caption=f"The error that a {what} leads to. {text}",
         x_label=AXES[kind],
         y_label=STATE_ERROR,
         **curves_of(runs, lambda run: run.setting.value, _error),
@@ -126,7 +126,7 @@ def _convergence(rows: Sequence[RunRow], kind: str) -> Chart | None:
 
 
 def _left_out(rows: Sequence[RunRow], name: str) -> str:
-    """Of whom rows are left out because their multipliers are nan, and how many at most."""
+    """Whose rows are left out because their multipliers are nan, and how many at most."""
     most: dict[str, tuple[float, float]] = {}
     for row in rows:
         unknown, compared_at = (number(row.metrics, "errors", *path) for path in ((name, "unknown"), ("points",)))
@@ -135,8 +135,8 @@ def _left_out(rows: Sequence[RunRow], name: str) -> str:
             most[entry] = max(most.get(entry, (0.0, 0.0)), (unknown, compared_at or 0.0))
     if not most:
         return ""
-    told = listed([f"{short(entry)} ({count:.0f} of {of:.0f})" for entry, (count, of) in most.items()])
-    return f" Rows where they do not exist, or are not known, are left out, at most: {told}."
+    named = listed([f"{short(entry)} ({count:.0f} of {of:.0f})" for entry, (count, of) in most.items()])
+    return f" Rows where they do not exist, or are not known, are left out, at most: {named}."
 
 
 def _multipliers(rows: Sequence[RunRow], name: str) -> Chart | None:

@@ -9,7 +9,7 @@ from typing import Any
 from hhtbench.campaign.analysis.cells import SUBJECT, family
 from hhtbench.protocol.evidence import Plot
 
-# Okabe and Ito's palette without yellow (too pale on white): told apart with colour-blind eyes.
+# Okabe and Ito's palette without yellow (too pale on white): distinct also for colour-blind readers.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 SYMBOLS = ("circle", "square", "diamond", "triangle-up", "cross", "x", "star")
 DASHES = ("solid", "dash", "dot", "dashdot")  # changes when the palette is used up

@@ -2,7 +2,7 @@ let base = "front";  // who is shown where nobody has clicked: "front", "all" or
 const clicked = new Map();  // solver -> shown or not
 const buttons = [...document.querySelectorAll(".legend .solver")];
 const solvers = new Set(buttons.map(button => button.dataset.entry));
-const inFront = new Set(figures.flatMap(figure => figure.front ?? []));
+const inFront = () => new Set(Object.values(figures).flatMap(figure => figure.front ?? []));
 
 function isShown(entry, front) {
   return clicked.get(entry) ?? (base === "all" || (base === "front" && (!front || front.includes(entry))));
@@ -43,9 +43,8 @@ function draw(box) {
 }
 
 function refresh() {
-  for (const button of buttons) {
-    button.setAttribute("aria-pressed", String(isShown(button.dataset.entry, [...inFront])));
-  }
+  const first = [...inFront()];
+  for (const button of buttons) button.setAttribute("aria-pressed", String(isShown(button.dataset.entry, first)));
   for (const button of document.querySelectorAll("[data-base]")) {
     button.setAttribute("aria-pressed", String(!clicked.size && button.dataset.base === base));
   }
@@ -62,15 +61,33 @@ for (const button of document.querySelectorAll("[data-base]")) {
 }
 
 // A view of a figure with its caption.
-for (const button of document.querySelectorAll(".views button")) {
-  button.addEventListener("click", () => {
-    const figure = button.closest("figure");
-    const box = figure.querySelector(".plot");
-    press(button);
-    box.dataset.figure = button.dataset.figure;
-    for (const caption of figure.querySelectorAll(".caption")) caption.hidden = caption.dataset.figure !== button.dataset.figure;
-    if (box.data) draw(box);
-  });
+onButton(".views button", button => {
+  const figure = button.closest("figure");
+  const box = figure.querySelector(".plot");
+  press(button);
+  box.dataset.figure = button.dataset.figure;
+  for (const caption of figure.querySelectorAll(".caption")) caption.hidden = caption.dataset.figure !== button.dataset.figure;
+  if (box.data) draw(box);
+});
+
+// A part of the page is decompressed when it is opened for the first time, also by a link to it.
+async function unfold(part) {
+  const packed = part.querySelector(":scope > script");
+  if (!packed || !part.open) return;
+  packed.remove();
+  const body = document.createElement("div");
+  body.innerHTML = await taken(packed);
+  part.append(body);
+  linkData(body);
+  refresh();
 }
 
+function openTarget() {
+  const target = location.hash && document.getElementById(location.hash.slice(1));
+  if (target?.tagName === "DETAILS") target.open = true;
+}
+
+for (const part of document.querySelectorAll("details.part")) part.addEventListener("toggle", () => unfold(part));
+addEventListener("hashchange", openTarget);
+openTarget();
 refresh();

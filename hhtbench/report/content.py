@@ -1,35 +1,35 @@
-"""What the comparison of a campaign says, before it is set as a page, as a summary or as JSON: every table is made once."""
+"""Sentences and tables of one comparison, for the page, the summary and JSON alike: every table is made once."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from hhtbench.campaign import analysis
-from hhtbench.campaign.analysis.fronts import BOUNDS, Campaign, campaign_of
+from hhtbench.campaign.analysis.fronts import Campaign, campaign_of
 from hhtbench.campaign.analysis.kinds import Kind
 from hhtbench.campaign.analysis.outcomes import machines
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report import contest, runs
 from hhtbench.report.atlas import Atlas, failure_atlas
-from hhtbench.report.decisions import decisions, reading
+from hhtbench.report.decisions import choices_of, decisions, reading
+from hhtbench.report.recommendations import recommendations
 from hhtbench.report.rules import rules
-from hhtbench.report.summary import older, problem_summary, summary
+from hhtbench.report.summary import older, summary
 from hhtbench.report.tables import Table
 from hhtbench.report.words import MEASURES, bounded
 
+AGAINST = "HHT and the cheapest other solver"
 RANKED: dict[str, Callable[[Sequence[RunRow], Campaign], Table]] = {
-    **{f"Both sides of the comparison, {bounded(bound)}": partial(contest.both_sides, held=bound) for bound in BOUNDS},
-    "Cheapest solvers at a given error": contest.cheapest,
+    AGAINST: contest.against,
+    "The cheapest solvers at each error": contest.cheapest,
 }
 TITLE = "Accuracy, work and drift: extended HHT-alpha and other solvers"
-ATLAS = "Failure atlas: runs that failed or are not believed"
-FAILED = "Runs that failed or are not believed, by reason"
+ATLAS = "Failed runs by solver and cause"
+FAILED = "Failed runs by reason"
 TABLES: dict[str, Callable[[Sequence[RunRow]], Table]] = {
-    "One run of every solver, side by side": runs.side_by_side,
-    "Counters of these runs": runs.counter_table,
+    "One run of each solver at similar accuracy": runs.one_run_each,
     FAILED: runs.failures_by_reason,
 }
 
@@ -40,7 +40,6 @@ class Part:
 
     name: str
     rows: tuple[RunRow, ...]
-    sentences: tuple[str, ...]
     tables: Mapping[str, Table]  #: by caption
 
 
@@ -54,11 +53,12 @@ class Content:
     rules: tuple[str, ...]
     targets: tuple[float, ...]  #: errors that were asked for
     kinds: Mapping[Kind, tuple[str, ...]]  #: the problems of each
+    recommendations: tuple[str, ...]  #: what to take, in sentences
+    held_out: frozenset[str]  #: problems that played no part in the choice of defaults
     decisions: Mapping[tuple[str, float | None], Table]  #: by measure and bound of the drift
     reading: str  #: how they are to be read
     balance: Table
     against: Mapping[Kind, Table]
-    drift: Table
     atlas: Atlas
     parts: tuple[Part, ...]
 
@@ -70,17 +70,15 @@ class Content:
             "summary": list(self.sentences),
             "rules": list(self.rules),
             "reading": self.reading,
+            "recommendations": list(self.recommendations),
             "decisions": {
                 f"{MEASURES[by]}, {bounded(held)}": table.as_dict() for (by, held), table in self.decisions.items()
             },
             "against": {kind.text: table.as_dict() for kind, table in self.against.items()},
-            **{name: getattr(self, name).as_dict() for name in ("balance", "drift")},
+            "balance": self.balance.as_dict(),
             "atlas": self.atlas.as_dict(),
             "problems": {
-                part.name: {
-                    "summary": list(part.sentences),
-                    "tables": {caption: table.as_dict() for caption, table in part.tables.items()},
-                }
+                part.name: {"tables": {caption: table.as_dict() for caption, table in part.tables.items()}}
                 for part in self.parts
             },
         }
@@ -90,18 +88,21 @@ def content_of(rows: Sequence[RunRow], losses: str = "") -> Content:
     """Of all rows of a store, older versions of a cell among them."""
     found = analysis.newest(rows)
     whole, kinds = campaign_of(found.rows), analysis.kinds(found.rows)
+    choices = choices_of(found.rows, kinds, whole)
+    held_out = frozenset(run.problem for run in analysis.points(found.rows) if run.held_out)
     return Content(
         rows=found.rows,
         losses=losses,
-        sentences=(*([losses] if losses else []), *summary(found.rows), *older(found)),
+        sentences=(*summary(found.rows), *older(found)),
         rules=tuple(rules(found.rows)),
         targets=whole.targets,
         reading=reading(whole),
         kinds=kinds,
-        decisions=decisions(found.rows, kinds, whole),
+        recommendations=recommendations(choices, whole.level, held_out),
+        held_out=held_out,
+        decisions=decisions(choices, whole, held_out),
         balance=contest.balance(found.rows),
         against={kind: contest.against(_of(found.rows, names), whole) for kind, names in kinds.items()},
-        drift=runs.equal_drift(found.rows),
         atlas=failure_atlas(found.rows),
         parts=tuple(_part(name, _of(found.rows, [name]), whole) for name in analysis.problems(found.rows)),
     )
@@ -114,7 +115,7 @@ def _of(rows: Sequence[RunRow], problems: Collection[str]) -> list[RunRow]:
 def _part(name: str, rows: Sequence[RunRow], whole: Campaign) -> Part:
     tables = {caption: rank(rows, whole) for caption, rank in RANKED.items()}
     tables |= {caption: build(rows) for caption, build in TABLES.items()}
-    return Part(name=name, rows=tuple(rows), sentences=tuple(problem_summary(rows, whole)), tables=tables)
+    return Part(name=name, rows=tuple(rows), tables=tables)
 
 
 def environments(rows: Sequence[RunRow]) -> list[str]:

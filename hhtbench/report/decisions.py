@@ -1,50 +1,61 @@
-"""The table to decide by: for each kind of problem and error the cheapest solver, the second, and HHT's place."""
+"""The table to decide by: for each kind of problem and error the cheapest solver, the second, HHT's place, who is steady."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from hhtbench.campaign import analysis
-from hhtbench.campaign.analysis.cells import SUBJECT, family
+from hhtbench.campaign.analysis.cells import CONSTANT, SUBJECT, family
 from hhtbench.campaign.analysis.decision import Choice, Place, Ratio
-from hhtbench.campaign.analysis.fronts import BOUNDS, Campaign
+from hhtbench.campaign.analysis.fronts import BOUNDS, STEADY, Campaign
 from hhtbench.campaign.analysis.kinds import Kind
 from hhtbench.campaign.analysis.missing import NOT_RUN, UNKNOWN
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
-from hhtbench.report.words import AT_MOST, KINDS, MEASURES, NOTHING, bound_of, multiple, plural, repeats, short, work
+from hhtbench.report.words import EQUAL, KINDS, MEASURES, NOTHING, plural, repeats, short, sign_of, times, work
 
-HEADERS = ("kind of problem", "error", "cheapest", "second", "HHT", "cheaper on some")
+KEPT_BY = f"keeps drift below {STEADY:.0e}"
 ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
+
+SAME_COST = 1.005  # factor up to which costs of one solver with and without a bound of the drift are the same
+
+Line = list[str | Cell]
+Choices = Mapping[tuple[str, float | None], Sequence[Choice]]  # by measure and bound of the drift
 
 
 def reading(campaign: Campaign) -> str:
     """How the table is to be read."""
     return (
-        "The table. Solvers in order: first by how many problems of the kind they reach at the error, then by the geometric "
-        "mean of their costs there. Second, and HHT's place among all that reach any: how many times dearer than the "
-        "cheapest on the problems that both reach; level, by time: by no more than repeats of one solve differ, "
-        f"{repeats(campaign.level)}. Cheaper on some: who costs less where both get there. At most: a "
-        "cost is that of a run more accurate than asked; at least: the cheapest's is; about: both are, and the ratio may be "
-        "off either way. Tagged: by the problem's author."
+        "How to read the table: solvers are ordered by the number of problems on which they reach the error, then by the "
+        "geometric mean of their costs there. A factor is a cost over that of the cheapest solver, on problems that both "
+        f"reach. {EQUAL.capitalize()}: two times differ by no more than repeats of one solve, {repeats(campaign.level)}. "
+        f"The last columns name the cheapest solver that {KEPT_BY}, and its factor. \N{LESS-THAN OR EQUAL TO}: the run is "
+        "more accurate than asked, so the cost at this error is at most this; \N{GREATER-THAN OR EQUAL TO}: this holds for "
+        "the cheapest, so the factor is at least this; \N{ALMOST EQUAL TO}: for both. A problem is stiff where its author "
+        "says so; held-out problems played no part in the choice of default settings."
     )
 
 
-def decisions(
-    rows: Sequence[RunRow], kinds: Mapping[Kind, Sequence[str]], campaign: Campaign
-) -> dict[tuple[str, float | None], Table]:
-    """(measure, bound of the drift) -> the table."""
+def choices_of(rows: Sequence[RunRow], kinds: Mapping[Kind, Sequence[str]], campaign: Campaign) -> Choices:
+    """What every table rests on."""
     asked = tuple(target for target in ACCURACIES if target in campaign.targets) or campaign.targets
+    keys = [(measure, bound) for measure in MEASURES for bound in BOUNDS]
+    return {(measure, bound): analysis.decide(rows, kinds, measure, asked, bound) for measure, bound in keys}
+
+
+def decisions(choices: Choices, campaign: Campaign, held_out: Collection[str]) -> dict[tuple[str, float | None], Table]:
+    """The tables, by measure and bound of the drift; ``held_out`` are problems."""
     tables = {}
-    for measure in MEASURES:
-        for bound in BOUNDS:
-            choices = analysis.decide(rows, kinds, measure, asked, bound)
-            level = campaign.level if measure == "time" else 1.0
-            body = [_line(choice, measure, level) for choice in choices]
-            some = None if any(line[-1] != NOTHING for line in body) else -1  # most campaigns run everybody on all of a kind
-            tables[measure, bound] = make_table(HEADERS[:some], [line[:some] for line in body])
+    for (measure, bound), found in choices.items():
+        level = campaign.level if measure == "time" else 1.0
+        steady = {(choice.kind, choice.target): choice for choice in choices[measure, STEADY]}
+        headers = ["kind of problem", "problems", "error", "cheapest", measure, "second", "factor"]
+        headers += ["HHT", "place", "factor", "reaches", "why not all", KEPT_BY, "factor"]
+        body = [_line(choice, steady.get((choice.kind, choice.target)), measure, level, held_out) for choice in found]
+        kept = None if bound is None else -2  # with a bound all keep the drift
+        tables[measure, bound] = make_table(headers[:kept], [line[:kept] for line in body])
     return tables
 
 
@@ -53,50 +64,61 @@ def evidence_anchor(kind: Kind) -> str:
     return anchor(f"kind-{kind.text}")
 
 
-def told(bound: float | None) -> str:
-    """A bound of the drift on a button."""
-    return "any" if bound is None else f"{AT_MOST} {bound:.0e}"
+def ranked(choice: Choice) -> list[Place]:
+    """All who reach the error on some problem, the best first."""
+    return [place for place in choice.places if place.costs]
 
 
-def _line(choice: Choice, measure: str, level: float) -> list[str | Cell]:
-    kind = Cell(choice.kind.text, "", plural(len(choice.problems), "problem"), f"#{evidence_anchor(choice.kind)}")
-    head: list[str | Cell] = [kind, f"{choice.target:.0e}"]
-    ranked = [place for place in choice.places if place.costs]
-    if not ranked:
-        return [*head, _nobody(choice), NOTHING, _subject(choice, ranked, level), NOTHING]
-    first, *others = ranked
-    cheapest = _named(first, bound_of(first.at_most, False) + work(first.mean, measure))
-    second = _named(others[0], _dearer(others[0].over(first), len(first.costs), level)) if others else NOTHING
-    return [*head, cheapest, second, _subject(choice, ranked, level), _cheaper(ranked, level)]
+def best_subject(choice: Choice) -> Place | None:
+    """HHT's best place; None where it was not run."""
+    own = [place for place in choice.places if family(place.entry) == SUBJECT]
+    return min(own, key=lambda place: (-len(place.costs), _unreached(place)), default=None)
 
 
-def _named(place: Place, figure: str) -> Cell:
-    return Cell(short(place.entry), "", _joined(figure, _reach(place)))
-
-
-def _joined(*parts: str) -> str:
-    return ", ".join(filter(None, parts))
-
-
-def _dearer(ratio: Ratio | None, total: int, level: float) -> str:
-    """How many times dearer than the cheapest, which reaches ``total`` problems."""
-    if ratio is None:
-        return "on other problems"
-    told = multiple(ratio.value, ratio.at_most, ratio.at_least) + f" on {ratio.goals}" * (ratio.goals < total)
-    return told + ", level" * ratio.within(level)
-
-
-def _reach(place: Place) -> str:
-    """How many problems it reaches, where not all, and why not the others."""
-    if not place.missing:
-        return ""
-    return f"reaches {len(place.costs)} of {len(place.costs) + len(place.missing)}, {_why(place)}"
-
-
-def _why(place: Place) -> str:
+def why(place: Place) -> str:
     """Why it does not reach what it does not, and on how many problems where not on all."""
     reasons, total = Counter(place.missing.values()), len(place.costs) + len(place.missing)
     return ", ".join(KINDS[kind] + f" on {number}" * (number < total) for kind, number in reasons.most_common())
+
+
+def basis(problems: Sequence[str], held_out: Collection[str]) -> list[str]:
+    """How many problems, and how many of them are held out."""
+    number = sum(name in held_out for name in problems)
+    return [plural(len(problems), "problem"), *[f"{number} held out"] * (number > 0)]
+
+
+def _line(choice: Choice, steady: Choice | None, measure: str, level: float, held_out: Collection[str]) -> Line:
+    count, *more = basis(choice.problems, held_out)
+    kind = Cell(choice.kind.text, link=f"#{evidence_anchor(choice.kind)}")
+    head: Line = [kind, Cell(count.split()[0], "", *more), f"{choice.target:.0e}"]
+    order = ranked(choice)
+    if not order:
+        return [*head, _nobody(choice), *[NOTHING] * 3, *_subject(choice, order, level), *[NOTHING] * 2]
+    first, *others = order
+    cost = sign_of(first.at_most, False) + work(first.mean, measure)
+    second = [_named(others[0]), _factor(others[0].over(first), first, level)] if others else [NOTHING] * 2
+    kept = _steady(steady, first, level)
+    return [*head, _named(first), cost, *second, *_subject(choice, order, level), *kept]
+
+
+def _named(place: Place, *more: str) -> Cell:
+    """The solver; in small print that its steps are constant, and how many problems it reaches where not all."""
+    spec, constant = place.entry.removesuffix(CONSTANT), place.entry.endswith(CONSTANT)
+    parts = ["constant step"] * constant + [f"reaches {reach_of(place)}"] * bool(place.missing)
+    return Cell(short(spec), "", ", ".join([*parts, *filter(None, more)]))
+
+
+def reach_of(place: Place) -> str:
+    """``3 of 4``: on how many problems it reaches the error."""
+    return f"{len(place.costs)} of {len(place.costs) + len(place.missing)}"
+
+
+def _factor(ratio: Ratio | None, first: Place, level: float) -> Cell:
+    """How many times dearer than the cheapest; on how many of its problems, where not on all."""
+    if ratio is None:
+        return Cell(NOTHING, "", "no problem in common")
+    parts = [f"on {ratio.goals}"] * (ratio.goals < len(first.costs)) + [EQUAL] * ratio.within(level)
+    return Cell(sign_of(ratio.at_most, ratio.at_least) + times(ratio.value), "", ", ".join(parts))
 
 
 def _unreached(place: Place) -> int:
@@ -106,36 +128,37 @@ def _unreached(place: Place) -> int:
 
 def _nobody(choice: Choice) -> str:
     open_ends = any(kind in UNKNOWN for place in choice.places for kind in place.missing.values())
-    return "nobody gets there" + ", as far as is known" * open_ends
+    return "nobody reaches it" + ", as far as is known" * open_ends
 
 
-def _subject(choice: Choice, ranked: Sequence[Place], level: float) -> Cell:
-    """The place of HHT's best among all who reach any; where it has none, why."""
-    own = [place for place in choice.places if family(place.entry) == SUBJECT]
-    if not own:
-        return Cell(KINDS[NOT_RUN])
-    best = min(own, key=lambda place: (-len(place.costs), _unreached(place)))
+def _subject(choice: Choice, order: Sequence[Place], level: float) -> Line:
+    """HHT's best entry, its place among all who reach any, its factor, what it reaches, and why not all."""
+    best = best_subject(choice)
+    if best is None:
+        return [Cell(KINDS[NOT_RUN]), *[NOTHING] * 4]
+    name = Cell(short(best.entry.removesuffix(CONSTANT)), "", "constant step" * best.entry.endswith(CONSTANT))
+    rest = [Cell(reach_of(best), "bad" * (not best.costs and _unreached(best) > 0)), Cell("", "", why(best))]
     if not best.costs:
-        return Cell("does not get there", "bad", _why(best)) if _unreached(best) else Cell(_why(best))
-    number = ranked.index(best) + 1
-    if number > 1:
-        figure = _dearer(best.over(ranked[0]), len(ranked[0].costs), level)
-        return Cell(f"{number} of {len(ranked)}", "", _joined(figure, _reach(best), short(best.entry)))
-    beside = [ratio for place in ranked[1:] if (ratio := place.over(best))]
-    second = ranked[1].over(best) if len(ranked) > 1 else None
-    unclear = second is not None and second.at_most
-    near = any(ratio.value <= level for ratio in beside)
-    tone = "" if best.missing or unclear or near else "good"
-    shared = "level" * (second is not None and second.within(level))
-    return Cell(f"{number} of {len(ranked)}", tone, _joined(shared, _reach(best), short(best.entry)))
+        return [name, NOTHING, NOTHING, *rest]
+    number = order.index(best) + 1
+    factor = _factor(best.over(order[0]), order[0], level) if number > 1 else NOTHING
+    return [name, f"{number} of {len(order)}", factor, *rest]
 
 
-def _cheaper(ranked: Sequence[Place], level: float) -> str | Cell:
-    """Who is farthest below the cheapest, which reaches others, where both get there, by more than level."""
-    first = ranked[0]
-    beside = [(place, ratio) for place in ranked[1:] if (ratio := place.over(first)) and not ratio.at_least]
-    cheaper = [(ratio.value, place, ratio) for place, ratio in beside if ratio.value * level < 1]
-    if not cheaper:
-        return NOTHING
-    _, place, ratio = min(cheaper, key=lambda found: found[0])
-    return _named(place, _dearer(ratio, len(first.costs), level))
+def _steady(choice: Choice | None, first: Place, level: float) -> Line:
+    """The cheapest who keeps the drift, how many others do wherever they are asked, and its factor."""
+    if choice is None:
+        return ["no drift", NOTHING]
+    order = ranked(choice)
+    if not order:
+        return [_nobody(choice), NOTHING]
+    others = sum(len(place.costs) == len(choice.problems) for place in order[1:])
+    more = f"and {others} more" if others else ""
+    factor = times(1.0) if same_cost(order[0], first) else _factor(order[0].over(first), first, level)
+    return [_named(order[0], more), factor]
+
+
+def same_cost(steady: Place, first: Place) -> bool:
+    """Whether the cheapest keeps the drift as it is, without a tighter setting."""
+    ratio = steady.over(first)
+    return steady.entry == first.entry and ratio is not None and ratio.value < SAME_COST

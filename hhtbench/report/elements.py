@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping
 from html import escape
 
@@ -21,7 +22,13 @@ SVG_SYMBOLS = {
     "x": '<path d="M13 5.5L14.5 4 17 6.5 19.5 4 21 5.5 18.5 8 21 10.5 19.5 12 17 9.5 14.5 12 13 10.5 15.5 8z"/>',
     "star": '<path d="M17 2.5l1.5 4H22l-2.9 2.4 1.1 4.1L17 10.5 13.8 13l1.1-4.1L12 6.5h3.5z"/>',
 }
-LONG = 44  # characters; a longer cell may wrap
+MAX_UNBROKEN = 44  # characters; a longer cell may wrap
+NAME = re.compile(r"[\w.:]+\([^()]*\)|[\d.]+e-\d+")  # a solver or problem with its options, a number
+
+
+def prose(text: str) -> str:
+    """Escaped, with names and numbers that no line break tears apart."""
+    return NAME.sub(r'<span class="whole">\g<0></span>', escape(text))
 
 
 def html_table(table: Table, caption: str = "") -> str:
@@ -30,17 +37,26 @@ def html_table(table: Table, caption: str = "") -> str:
         return "<p>None.</p>" if not caption else f"<p><b>{escape(caption)}</b>: none.</p>"
     head = "".join(f'<th scope="col"><button type="button">{escape(header)}</button></th>' for header in table.headers)
     body = "\n".join(f"<tr>{''.join(_html_cell(cell) for cell in row)}</tr>" for row in table.rows)
-    note = f'<p class="note">{escape(table.note)}</p>' if table.note else ""
+    note = f'<p class="note">{prose(table.note)}</p>' if table.note else ""
     title = f"<caption>{escape(caption)}</caption>" if caption else ""
     return f'<div class="scroll"><table>{title}<thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>{note}'
 
 
 def _html_cell(cell: Cell) -> str:
-    classes = " ".join(part for part in (cell.tone, "long" if len(cell.text) > LONG else "") if part)
+    classes = " ".join(part for part in (cell.tone, "long" if len(cell.text) > MAX_UNBROKEN else "") if part)
     named = f' class="{classes}"' if classes else ""
-    detail = f"<small>{escape(cell.detail)}</small>" if cell.detail else ""
-    text = f'<a href="{escape(cell.link)}">{escape(cell.text)}</a>' if cell.link else escape(cell.text)
+    detail = f"<small>{prose(cell.detail)}</small>" if cell.detail else ""
+    text = (
+        f'<a href="{escape(cell.link)}">{escape(cell.text)}</a>'
+        if cell.link
+        else (prose if "long" in classes else escape)(cell.text)
+    )
     return f"<td{named}>{text}{detail}</td>"
+
+
+def folded(identifier: str, title: str, packed: str) -> str:
+    """A part of the page that is decompressed when it is opened."""
+    return f'<details class="part" id="{identifier}"><summary>{title}</summary>\n{packed}</details>'
 
 
 def sketch(problem: str) -> str:

@@ -10,7 +10,7 @@ BAND = 0.05  # of the axis for each row of marks in the strip beyond the data
 LEAST_ROWS = 2  # of the strip, else its marks touch the axis
 APART = 0.03  # of the axis: marks nearer to one another stand in different rows
 FAR = 1.0  # decades beyond the data: a failed run farther right stands at the edge, or a spent budget flattens all curves
-DOUBTED_ABOVE = 2.0  # decades above the curves: a run that is not believed and lies higher stands at this height
+DOUBTED_ABOVE = 2.0  # decades above the curves: a rejected run that lies higher stands at this height
 NEAR_LIMIT = 30.0  # the reference's limit is drawn where errors come within this factor of it
 MOST_DECADES = 18  # of an axis: beyond, one diverged run would flatten all others
 
@@ -30,7 +30,7 @@ class Trace:
 class EdgeMark:
     """A run that is no point of a curve: ``y`` None stands at the top, ``x`` None at the right, zero at the bottom.
 
-    With both, and not zero, it stands in its own place: a run that is not believed.
+    With both, and not zero, it stands in its own place: a run whose result was rejected.
     """
 
     entry: str

@@ -10,14 +10,11 @@ from tabulate import tabulate
 
 from hhtbench.protocol.evidence import Evidence, Plot, Row
 from hhtbench.report.content import ATLAS, TITLE, Content, environments, period
-from hhtbench.report.rules import campaign_told
+from hhtbench.report.rules import campaign_line
 from hhtbench.report.tables import Table
 from hhtbench.report.wording import anchor, duration, group_of, groups, verdict
-from hhtbench.report.words import MEASURES, bounded
 
-MAX_SUMMARY_LINES = 200
-MAX_SUMMARY_ROWS = 36  # of each of its four tables: with these and all sentences it stays below the lines
-DECISIONS = (("time", None), ("time", 1e-10))  # the tables to decide by that it holds: measure and bound of the drift
+MAX_SUMMARY_ROWS = 42  # of each of its tables, and sentences on kinds: with these it stays below the lines
 
 CLAIMS = """\
 Each row is one claim: a sentence that can be wrong, the number measured for it, the bound it must keep, and the
@@ -45,20 +42,25 @@ def markdown(evidence: Evidence, command: str) -> str:
 
 
 def summary_page(content: Content, command: str, evidence: Evidence | None = None) -> str:
-    """What a campaign came to, for the log of a build: at most ``MAX_SUMMARY_LINES`` lines, however many rows."""
-    parts = [f"# {TITLE}", *map(escape_text, content.sentences), escape_text(content.reading)]
-    tables = {f"By {MEASURES[by]}, {bounded(bound)}": content.decisions[by, bound] for by, bound in DECISIONS}
-    tables |= {"Wins and losses": content.balance, ATLAS: content.atlas.causes()}
-    for title, table in tables.items():
-        rest = len(table.rows) - MAX_SUMMARY_ROWS
-        more = [f"{rest} more lines are on the page."] if rest > 0 else []
-        parts += [f"## {title}", *markdown_table(replace(table, rows=table.rows[:MAX_SUMMARY_ROWS])), *more]
+    """What a campaign came to, for the log of a build: at most 200 lines, however many rows."""
+    losses = [escape_text(content.losses)] if content.losses else []
+    advice = "\n".join(f"- {escape_text(text)}" for text in content.recommendations[-MAX_SUMMARY_ROWS:])
+    parts = [f"# {TITLE}", *losses, "## What to take", *_shortened(content.decisions["time", None]), *filter(None, [advice])]
+    parts += [escape_text(content.reading), "## Findings", *map(escape_text, content.sentences)]
+    for title, table in {"Wins and losses": content.balance, ATLAS: content.atlas.causes()}.items():
+        parts += [f"## {title}", *_shortened(table)]
     if evidence is not None:
         parts += [f"## {escape_text(evidence.title)}", escape_text(verdict(evidence))]
-    made = [f"Made by `{command}` from rows of {period(content.rows)}.", campaign_told(content.rows)]
+    made = [f"Made by `{command}` from rows of {period(content.rows)}.", campaign_line(content.rows)]
     machine, *others = environments(content.rows)
     made.append(machine + f"; {len(others)} more machines" * bool(others))
     return "\n\n".join([*parts, "## How it was made", *map(escape_text, made)]) + "\n"
+
+
+def _shortened(table: Table) -> list[str]:
+    rest = len(table.rows) - MAX_SUMMARY_ROWS
+    more = [f"{rest} more lines are on the page."] if rest > 0 else []
+    return [*markdown_table(replace(table, rows=table.rows[:MAX_SUMMARY_ROWS])), *more]
 
 
 def markdown_table(table: Table) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from hhtbench.campaign.analysis.cells import DOUBTED, Point, by_entry
 from hhtbench.report.frame import EdgeMark, Trace
-from hhtbench.report.words import doubt, seconds, shown
+from hhtbench.report.words import brief, doubt, seconds, shown
 
 Value = Callable[[Point], float | None]
 
@@ -55,12 +55,12 @@ def _reason(run: Point, y: float | None = None) -> str:
 
 def described(run: Point) -> str:
     """What a pointer shows at a run."""
-    remark = (" (disturbed)" if run.disturbed else "") if run.alone else " (beside other work)"
+    note = (" (disturbed)" if run.disturbed else "") if run.alone else " (beside other work)"
     lines = [
         run.setting.text,
         f"error {shown(run.error if run.doubted is None else run.doubted)}",
-        f"{seconds(run.time)}{remark}, {shown(run.evaluations)} evaluations",
-        f"drift: position {shown(run.position)}, velocity {shown(run.velocity)}",
+        f"{seconds(run.time)}{note}, {shown(run.evaluations)} evaluations",
+        f"drift: position {brief(run.position)}, velocity {brief(run.velocity)}",
     ]
     return "<br>".join(lines)
 

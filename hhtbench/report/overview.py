@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
@@ -13,48 +12,40 @@ from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.cells import SUBJECT, TYPICAL_ERROR, family
 from hhtbench.campaign.analysis.drift import DriftCost
 from hhtbench.campaign.analysis.fronts import BOUNDS
-from hhtbench.campaign.analysis.profile import Profile, Reach, relative_profiles
+from hhtbench.campaign.analysis.profile import Profile, Reach
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report import colours
 from hhtbench.report.chart import axis, layout_of, rounded
 from hhtbench.report.colours import SolverStyle
 from hhtbench.report.frame import limits
 from hhtbench.report.series import LEAST_DRIFT
-from hhtbench.report.words import listed, plural, short, weighed
+from hhtbench.report.words import plural, short, weighed
 
 Styles = Mapping[str, SolverStyle]
+Views = dict[str, tuple[dict[str, Any], str]]  # of one figure: name -> drawing, caption
 ROOM = 0.08  # of an axis
 SIZE, LETTER, MARK = (400.0, 200.0), (6.5, 14.0), 8.0  # px: of the figure at its smallest beside another, of texts, of marks
 BESIDE = {"top center": (0, 1), "bottom center": (0, -1), "middle right": (1, 0), "middle left": (-1, 0)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class View:
-    """One of the drawings of a figure."""
-
-    name: str
-    caption: str
-    figure: dict[str, Any]
-
-
-def drift_views(rows: Sequence[RunRow], styles: Styles) -> list[View]:
+def drift_views(rows: Sequence[RunRow], styles: Styles) -> Views:
     """Drift against cost over HHT's, by time and by evaluations; none where HHT reaches the error on no problem."""
-    views = []
+    views = {}
     for measure in ("time", "evaluations"):
         found = analysis.drift_costs(rows, measure)
         drawn = {entry: own for entry, lines in found.items() if (own := [line for line in lines if not line.bound])}
         if drawn:
-            caption = _told(_count(drawn)) + _left_out(found)
-            views.append(View(name=measure, caption=caption, figure=_drift_figure(drawn, measure, styles)))
+            caption = _drift_caption(_count(drawn)) + _left_out(found)
+            views[measure] = (_drift_figure(drawn, measure, styles), caption)
     return views
 
 
-def _told(count: int) -> str:
+def _drift_caption(count: int) -> str:
     return (
-        f"Left and low is better. On each of {plural(count, 'problem')} with constraints the cost at an error of "
-        f"{TYPICAL_ERROR:.0e} over that of HHT's cheapest; the cost lies between two runs, the largest drift is that of the "
-        "more accurate of them. Large marks are medians; of how many problems, where not of all, stands behind the name. "
-        f"Lines: the bounds of the drift in the table above. Zero is drawn at {LEAST_DRIFT:.0e}."
+        f"Left and low is better. On each of {plural(count, 'problem')} with constraints: the cost at an error of "
+        f"{TYPICAL_ERROR:.0e} over that of HHT's cheapest entry, and the largest drift. Large marks are medians; the "
+        "number of problems stands behind the name where it is not all. Lines are the bounds of the drift. Zero is drawn at "
+        f"{LEAST_DRIFT:.0e}."
     )
 
 
@@ -64,12 +55,9 @@ def _count(found: Mapping[str, Sequence[DriftCost]]) -> int:
 
 def _left_out(found: Mapping[str, Sequence[DriftCost]]) -> str:
     """Where a cost at the error is not known, since the cheapest run is more accurate."""
-    lines = [line for own in found.values() for line in own]
-    problems = list(dict.fromkeys(line.problem for line in lines if line.own.bound))
-    others = Counter(line.cost.entry for line in lines if line.cost.bound and not line.own.bound)
-    parts = [f"of HHT's on {plural(len(problems), 'problem')} ({listed(problems)})"] if problems else []
-    parts += [f"of {short(entry)} on {number}" for entry, number in others.items()]
-    return f" Left out, the cheapest run being more accurate than that already: {'; '.join(parts)}." if parts else ""
+    bounds = Counter({entry: sum(line.bound for line in lines) for entry, lines in found.items()})
+    parts = [f"{short(entry)} on {number}" for entry, number in bounds.items() if number]
+    return f" Left out, because the cheapest run or HHT's is more accurate than asked: {'; '.join(parts)}." if parts else ""
 
 
 def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles: Styles) -> dict[str, Any]:
@@ -83,8 +71,8 @@ def _drift_figure(found: Mapping[str, Sequence[DriftCost]], measure: str, styles
     own = [entry for entry in styles if entry in found]
     data = [_single(entry, found[entry], styles[entry]) for entry in own]
     for entry in own:
-        told = f"median of {len(found[entry])} of {plural(most, 'problem')}"
-        data.append(_middle(entry, medians[entry], (names[entry], told), styles[entry], places.get(entry)))
+        meaning = f"median of {len(found[entry])} of {plural(most, 'problem')}"
+        data.append(_middle(entry, medians[entry], (names[entry], meaning), styles[entry], places.get(entry)))
     what = "processor time" if measure == "time" else "evaluations"
     layout = layout_of(axis(f"{what} over HHT's", x, True), axis("largest drift, scaled", y, True) | {"automargin": True})
     layout["shapes"] = [_line(y0=bound) for bound in BOUNDS if bound is not None] + [_line(x0=1.0)]
@@ -140,11 +128,11 @@ def _single(entry: str, lines: Sequence[DriftCost], style: SolverStyle) -> dict[
 
 
 def _middle(
-    entry: str, place: tuple[float, float], told: tuple[str, str], style: SolverStyle, label: str | None
+    entry: str, place: tuple[float, float], texts: tuple[str, str], style: SolverStyle, label: str | None
 ) -> dict[str, Any]:
-    """A median; ``told``: its name and of what it is one."""
-    drawn = _points(entry, [place], [told[1]], style, {"size": 13, "line": {"width": 1, "color": "#ffffff"}})
-    drawn |= {"customdata": [told[1]], "text": [told[0]], "textposition": label or "top center", "textfont": {"size": 12}}
+    """A median; ``texts``: its name and of what it is one."""
+    drawn = _points(entry, [place], [texts[1]], style, {"size": 13, "line": {"width": 1, "color": "#ffffff"}})
+    drawn |= {"customdata": [texts[1]], "text": [texts[0]], "textposition": label or "top center", "textfont": {"size": 12}}
     hover = drawn["hovertemplate"].replace("%{text}", "%{customdata}")
     return drawn | {"mode": "markers+text" if label else "markers", "hovertemplate": hover}
 
@@ -172,63 +160,37 @@ def _line(x0: float | None = None, y0: float | None = None) -> dict[str, Any]:
     return look | {"yref": "paper", "y0": 0, "y1": 1, "x0": x0, "x1": x0}
 
 
-def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) -> list[View]:
-    """Shares of problem-error pairs within a cost, by time, by evaluations, and relative to the best."""
+def profile_views(rows: Sequence[RunRow], styles: Styles, front: Iterable[str]) -> Views:
+    """Shares of problem-error pairs within a cost, by time and by evaluations."""
     shown_first = [entry for entry in styles if entry in set(front)]
     by_time, by_count = (analysis.reaches(rows, measure) for measure in ("time", "evaluations"))
-    views = []
-    for name, found, label in (
-        ("time", by_time, "processor time [s]"),
-        ("evaluations", by_count, "evaluations"),
-    ):
+    views = {}
+    for name, found, label in (("time", by_time, "processor time [s]"), ("evaluations", by_count, "evaluations")):
         if any(reach.cost is not None for reach in found):
-            pairs = [(analysis.profiles(found), 1.0), (analysis.profiles(found, "search"), SEARCH)]
-            figure = _profile_figure(pairs, label, styles, shown_first)
-            what = UNKNOWN if name == "time" else f" {weighed(analysis.points(rows))}"
-            views.append(View(name=name, caption=_pairs(found) + SEARCHED + _lost(found) + what, figure=figure))
-    if any(reach.cost is not None for reach in by_time):
-        figure = _profile_figure(
-            [(relative_profiles(by_time), 1.0)], "processor time over that of the best", styles, shown_first
-        )
-        views.append(View(name="over the best", caption=_pairs(by_time) + RELATIVE, figure=figure))
+            figure = _profile_figure(analysis.profiles(found), label, styles, shown_first)
+            what = "" if name == "time" else f" {weighed(analysis.points(rows))}"
+            views[name] = (figure, _pairs(found) + what)
     return views
-
-
-SEARCH = 0.35  # opacity of the curves that count the search
-SEARCHED = (
-    " Left and high is better. Strong: the first run, from loose to tight, that reaches the error. Pale: all runs up to it, "
-    "failed ones included. What is not reached, or was not run, is in no curve."
-)
-UNKNOWN = " A run whose time is not known, a crashed one, counts what it was allowed."
-RELATIVE = " After Dolan and Moré: such curves may change their order with who takes part."
 
 
 def _pairs(found: Sequence[Reach]) -> str:
     targets = sorted({reach.target for reach in found}, reverse=True)
     problems = plural(len({reach.problem for reach in found}), "problem")
-    return f"Share of all pairs of {problems}, each of the same weight, and errors {targets[0]:.0e} to {targets[-1]:.0e}."
+    return (
+        f"Left and high is better. Share of all pairs of {problems}, each of the same weight, and errors {targets[0]:.0e} "
+        f"to {targets[-1]:.0e} that a solver reaches within a cost: that of its loosest run that does."
+    )
 
 
-def _lost(found: Sequence[Reach]) -> str:
-    """How many steps of the strong curves the pale ones lack."""
-    count = sum(reach.cost is not None and reach.search is None for reach in found)
-    return f" {plural(count, 'reached pair')} in no pale curve: a run before reported no cost." if count else ""
-
-
-def _profile_figure(
-    drawn: Sequence[tuple[Sequence[Profile], float]], label: str, styles: Styles, front: Sequence[str]
-) -> dict[str, Any]:
-    costs = [cost for found, _ in drawn for profile in found for cost in profile.cost]
-    x = _limits(costs)
-    data = []
-    for found, opacity in drawn:
-        known = {profile.entry: profile for profile in found}
-        data += [_staircase(known[entry], styles[entry], opacity, 10.0 ** x[1]) for entry in styles if entry in known]
+def _profile_figure(found: Sequence[Profile], label: str, styles: Styles, front: Sequence[str]) -> dict[str, Any]:
+    x = _limits(cost for profile in found for cost in profile.cost)
+    known = {profile.entry: profile for profile in found}
+    data = [_staircase(known[entry], styles[entry], 10.0 ** x[1]) for entry in styles if entry in known]
     y_axis = axis("share reached", [0.0, 1.02], False) | {"tickformat": ".0%"}
     return {"data": data, "layout": layout_of(axis(label, x, True), y_axis), "front": list(front)}
 
 
-def _staircase(profile: Profile, style: SolverStyle, opacity: float, end: float) -> dict[str, Any]:
+def _staircase(profile: Profile, style: SolverStyle, end: float) -> dict[str, Any]:
     """From the first cost to the right edge."""
     share = [0.0, *profile.share]
     cost = [*profile.cost[:1], *profile.cost, end] if profile.cost else [end]
@@ -238,8 +200,7 @@ def _staircase(profile: Profile, style: SolverStyle, opacity: float, end: float)
         "mode": "lines",
         "x": [rounded(value) for value in cost],
         "y": [rounded(value) for value in [*share, share[-1]][: len(cost)]],
-        "line": style.line | {"shape": "hv", "width": style.width if opacity == 1.0 else 1.2},
-        "opacity": opacity,
+        "line": style.line | {"shape": "hv"},
         "hovertemplate": "<b>%{fullData.name}</b><br>%{y:.0%} within %{x:.3g}<extra></extra>",
     }
 

@@ -6,19 +6,16 @@ from collections.abc import Sequence
 
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.accuracy import Slope
-from hhtbench.campaign.analysis.cells import DOUBTED, NEAR, TYPICAL_ERROR, Point, by_entry, typical
-from hhtbench.campaign.analysis.drift import equally_accurate
+from hhtbench.campaign.analysis.cells import DOUBTED, TYPICAL_ERROR, Point, by_entry, typical
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.colours import solver_order
 from hhtbench.report.tables import Cell, Table, make_table, ordered
-from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, shown, timed
+from hhtbench.report.words import BESIDE, NOTHING, STAR, brief, compared, count, doubt, listed, seconds, timed
 
 COUNTS = {
-    "steps_accepted": "steps",
     "steps_rejected_error": "rejected by error",
     "steps_rejected_newton": "by Newton",
     "newton_iterations": "Newton iterations",
-    "residual_evaluations": "evaluations",
     "output_evaluations": "for output",
     "jacobian_evaluations": "Jacobians",
     "factorisations": "factorisations",
@@ -26,41 +23,29 @@ COUNTS = {
 }
 
 
-def side_by_side(rows: Sequence[RunRow]) -> Table:
-    """One run of every solver, nearest to the typical error: errors, drift, work, slope over all its runs."""
+def one_run_each(rows: Sequence[RunRow]) -> Table:
+    """One run of every solver, nearest to the typical error: errors, drift, work, counters, slope over all its runs."""
     slopes = {curve.entry: curve.slope for curve in analysis.convergence(rows)}
-    chosen = typical_runs(rows)
-    body = [[*_run_cells(run), slope_text(slopes[run.entry])] for run in chosen]
-    note = (
-        f"For each solver the run whose scaled error is nearest to {TYPICAL_ERROR:.0e}. Slope: error against tolerance or "
-        "step over all its runs with errors up to 0.1, fitted in the logarithms, \N{PLUS-MINUS SIGN} the farthest point's "
-        f"distance from the line in decades. {_run_note(chosen)}"
-    )
-    return make_table([*RUN_HEADERS, "slope"], ordered(body), note)
-
-
-def slope_text(slope: Slope | None) -> str:
-    """Value and spread."""
-    return NOTHING if slope is None else f"{slope.value:.2f} \N{PLUS-MINUS SIGN} {slope.spread:.2f}"
-
-
-def counter_table(rows: Sequence[RunRow]) -> Table:
-    """What the same runs cost, counter by counter."""
     chosen = typical_runs(rows)
     body: list[list[str | Cell]] = []
     sources: dict[str, list[str]] = {}
     for run in chosen:
         counts = [count(run.counts.get(name)) for name in COUNTS]
-        body.append([run.entry, run.setting.text, *counts, timed(run), seconds(run.first)])
+        body.append([*_run_cells(run), slope_text(slopes[run.entry]), *counts, seconds(run.first)])
         sources.setdefault(run.provenance, []).append(run.entry)
-    headers = ["solver", "setting", *COUNTS.values(), "time", "first solve"]
-    note = (
-        "For output: evaluations for the output rows, in no other counter. First solve: warm-up, compilation included, not "
-        "part of the time; it depends on who compiled the same functions first, and on the cache on disk. A dash: not "
-        f"reported, which is not zero. {_marks(chosen)}"
-    )
     origins = "; ".join(f"{', '.join(solver_order(entries))}: {source}" for source, entries in sources.items())
-    return make_table(headers, ordered(body), f"{note} Where the counts come from. {origins}.")
+    note = (
+        f"Each solver's run with a scaled error nearest to {TYPICAL_ERROR:.0e}. Slope: of log error against log tolerance "
+        "or step over its runs with errors up to 0.1, \N{PLUS-MINUS SIGN} the largest distance of a point from the line in "
+        "decades. For output: evaluations for the output rows, in no other counter. First solve: with compilation, not part "
+        f"of the time. {_run_note(chosen)} Source of the counts. {origins}."
+    )
+    return make_table([*RUN_HEADERS, "slope", *COUNTS.values(), "first solve"], ordered(body), note)
+
+
+def slope_text(slope: Slope | None) -> str:
+    """Value and spread."""
+    return NOTHING if slope is None else f"{slope.value:.2f} \N{PLUS-MINUS SIGN} {slope.spread:.2f}"
 
 
 def all_runs(rows: Sequence[RunRow]) -> Table:
@@ -95,8 +80,8 @@ def _run_note(runs: Sequence[Point]) -> str:
     """What the columns of a table of runs mean, and what its marks say."""
     parts = [
         f"Error: the larger of q and v, scaled{compared(runs)}; lam, mu: scaled errors of the multipliers. Position to "
-        "energy: largest drift over the whole interval, scaled by the problem's own sizes; max |g|: the position "
-        "constraints as they are. A dash: not reported or not there."
+        "energy: largest drift over the whole interval, scaled by the problem's own sizes; max |g| is not scaled. A dash: "
+        "not reported or not part of the problem."
     ]
     notes: dict[str, list[str]] = {}
     for run in runs:
@@ -104,7 +89,7 @@ def _run_note(runs: Sequence[Point]) -> str:
             notes.setdefault(run.note, []).append(run.entry)
     parts += [f"No acceleration level for {listed(list(solver_order(own)))} ({note})." for note, own in notes.items()]
     if any(run.doubted is not None for run in runs):
-        parts.append("In brackets: the error of a run that is not believed.")
+        parts.append("In brackets: errors of a run whose result was rejected.")
     return " ".join([*parts, _marks(runs)]).strip()
 
 
@@ -123,7 +108,7 @@ def typical_runs(rows: Sequence[RunRow]) -> list[Point]:
 
 
 def failures_by_reason(rows: Sequence[RunRow]) -> Table:
-    """The runs on one problem that failed or are not believed; messages that differ by their numbers are one reason."""
+    """The runs on one problem that failed or were rejected; messages that differ by their numbers are one reason."""
     body: list[list[str | Cell]] = []
     found = analysis.failures(rows)
     for one in sorted(found, key=lambda failure: -len(failure.rows)):
@@ -141,27 +126,3 @@ def _counted(rows: Sequence[RunRow]) -> str:
         settings.setdefault(run.entry, []).append(run.setting.text)
     parts = {entry: own[0] if len(own) == 1 else f"{len(own)} runs" for entry, own in settings.items()}
     return "; ".join(f"{entry}, {parts[entry]}" for entry in solver_order(parts))
-
-
-def equal_drift(rows: Sequence[RunRow]) -> Table:
-    """For every solver the largest drift among its runs of one accuracy, and where it was."""
-    total = len(analysis.problems(rows))
-    found = equally_accurate(rows)
-    body: list[list[str | Cell]] = []
-    for entry in solver_order(found):
-        runs = found[entry]
-        cells: list[str | Cell] = [entry, f"{len(runs)} of {total}"]
-        for level in ("position", "absolute", "velocity"):
-            values = [(getattr(run, level), run) for run in runs if getattr(run, level) is not None]
-            value, worst = max(values, key=lambda pair: pair[0], default=(None, None))
-            where = "" if worst is None else f"{worst.problem}, {worst.setting.text}, error {shown(worst.error)}"
-            cells.append(Cell(shown(value), "", where))
-        body.append(cells)
-    note = (
-        f"At equal accuracy: on each problem the solver's run nearest to the error {TYPICAL_ERROR:.0e}, where that is "
-        f"within a factor {NEAR:g} of it; a drift that is small only because a run was far more accurate is not here. "
-        "Position and velocity are scaled by the problem's own sizes, max |g| is not; the maximum over time, over internal "
-        "steps where a solver shows them."
-    )
-    headers = ["solver", "problems with such a run", "largest position drift", "largest max |g|", "largest velocity drift"]
-    return make_table(headers, body, note)

@@ -16,7 +16,7 @@ from hhtbench.report.runs import typical_runs
 from hhtbench.report.words import listed
 
 LEAST_DRIFT = 1e-18  # zero has no place on a logarithmic axis and is drawn here
-MOST_POINTS = 100  # of a series over time
+MAX_POINTS = 40  # of a series over time
 LEVELS = ("position", "velocity", "acceleration")
 OVER_TIME, MULTIPLIERS = "Over time", "Multipliers"  # titles of figures
 SYMBOLS = {"lam": "λ", "mu": "μ"}
@@ -42,7 +42,7 @@ def _of_level(chosen: Sequence[Point], rows: Sequence[RunRow], level: str) -> Ch
     return _chart(
         chosen,
         analysis.drift_series(rows, level),
-        remark=ACCELERATIONS if own else "",
+        note=ACCELERATIONS if own else "",
         id=f"drift-{level}",
         view=f"{level} drift",
         title="Drift of the acceleration level over time" if own else f"Drift of the {level} constraints over time",
@@ -50,7 +50,7 @@ def _of_level(chosen: Sequence[Point], rows: Sequence[RunRow], level: str) -> Ch
     )
 
 
-ACCELERATIONS = " With the accelerations that follow from each solver's own multipliers, at output times."
+ACCELERATIONS = " At output times, with the accelerations that follow from each solver's own multipliers."
 
 
 def _of_multipliers(chosen: Sequence[Point], series: Sequence[TimeSeries], name: str) -> Chart | None:
@@ -59,7 +59,7 @@ def _of_multipliers(chosen: Sequence[Point], series: Sequence[TimeSeries], name:
     return _chart(
         chosen,
         series,
-        remark=f" {named}, recovered from the acceleration level at output times; where solvers agree, so do the lines.",
+        note=f" {named}, recovered from the acceleration level at output times; the lines of solvers that agree coincide.",
         id=f"series-{name}",
         group=MULTIPLIERS,
         view=f"{SYMBOLS[name]} over time",
@@ -72,7 +72,7 @@ def _of_multipliers(chosen: Sequence[Point], series: Sequence[TimeSeries], name:
 def _chart(
     chosen: Sequence[Point],
     found: Sequence[TimeSeries],
-    remark: str = "",
+    note: str = "",
     group: str = OVER_TIME,
     logarithmic_y: bool = True,
     **named: Any,
@@ -81,22 +81,24 @@ def _chart(
     if not found:
         return None
     traces, marks = [], []
+    end = max(series.t[-1] for series in found)
     order = solver_order(series.point.entry for series in found)  # HHT's thick lines first, below the others'
     for series in sorted(found, key=lambda series: order.index(series.point.entry)):
         run = series.point
-        t, value = _thinned(series) if logarithmic_y else _strided(series)
+        stride = -(-len(series.t) // MAX_POINTS)
+        t, value = _thinned(series, end) if logarithmic_y else (series.t[::stride], series.value[::stride])
         component = "" if series.component is None else f"component {series.component}<br>"
         traces.append(Trace(entry=run.entry, x=t, y=value, note=f"{component}{described(run)}"))
         if not run.success:
-            marks.append(mark_of(run, t[-1], value[-1] if run.status == DOUBTED else None))
+            marks.append(mark_of(run, series.t[-1], value[-1] if run.status == DOUBTED else None))
     zero = logarithmic_y and any(y is not None and y <= LEAST_DRIFT for trace in traces for y in trace.y)
     floor = f" Zero is drawn at {LEAST_DRIFT:.0e}." if zero else ""
     if zero and all(y is None or y <= LEAST_DRIFT for trace in traces for y in trace.y):
-        floor = f" All keep it exactly.{floor}"
+        floor = f" All solvers keep it exactly.{floor}"
     head = f"Each solver's run with an error nearest to {TYPICAL_ERROR:.0e}{_spread(chosen)}."
     return Chart(
         group=group,
-        caption=f"{head}{remark}{_absent(chosen, traces, named['id'] == 'drift-acceleration')}{floor}",
+        caption=f"{head}{note}{_absent(chosen, traces, named['id'] == 'drift-acceleration')}{floor}",
         x_label="time [s]",
         traces=tuple(traces),
         marks=tuple(marks),
@@ -124,19 +126,13 @@ def _spread(chosen: Sequence[Point]) -> str:
     return f" (they are from {min(errors):.1e} to {max(errors):.1e})" if errors else ", or a middle setting as none is known"
 
 
-def _thinned(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
-    """At most ``MOST_POINTS``, the largest of each stretch; zero at the least drift that is drawn."""
-    t, value = series.t, series.value
-    stretch = -(-len(t) // MOST_POINTS)
-    kept = []
-    for start in range(0, len(t), stretch):
-        part = range(start, min(start + stretch, len(t)))
-        kept.append(max(part, key=lambda index: value[index] if value[index] is not None else -1.0))  # type: ignore[arg-type,return-value]
-    values = (value[index] for index in kept)
-    return tuple(t[i] for i in kept), tuple(None if v is None else max(v, LEAST_DRIFT) for v in values)
-
-
-def _strided(series: TimeSeries) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
-    """At most ``MOST_POINTS``, of values that may be negative: every second, third, ... one."""
-    stride = -(-len(series.t) // MOST_POINTS)
-    return series.t[::stride], series.value[::stride]
+def _thinned(series: TimeSeries, end: float) -> tuple[tuple[float, ...], tuple[float | None, ...]]:
+    """The largest value of each of ``MAX_POINTS`` equal stretches up to ``end``, in its middle; zero at ``LEAST_DRIFT``."""
+    largest: dict[int, float] = {}
+    start = series.t[0]
+    for t, value in zip(series.t, series.value, strict=True):
+        stretch = min(int(MAX_POINTS * (t - start) / (end - start)), MAX_POINTS - 1) if end > start else 0
+        if value is not None:
+            largest[stretch] = max(value, largest.get(stretch, LEAST_DRIFT))
+    width = (end - start) / MAX_POINTS
+    return tuple(start + (stretch + 0.5) * width for stretch in largest), tuple(float(f"{y:.1e}") for y in largest.values())

@@ -1,4 +1,4 @@
-"""The comparison in words; every number is one of the rows or counted from them."""
+"""Findings of the comparison as sentences; every number is one of the rows or counted from them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from statistics import median
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, family
 from hhtbench.campaign.analysis.drift import equally_accurate
-from hhtbench.campaign.analysis.fronts import BOUNDS, STEADY, Campaign, Comparison
+from hhtbench.campaign.analysis.fronts import BOUNDS, STEADY, Comparison
 from hhtbench.campaign.analysis.missing import NOT_RUN, UNREFINED
 from hhtbench.campaign.analysis.outcomes import Newest, machines
 from hhtbench.campaign.store.rows import RunRow
@@ -22,7 +22,6 @@ from hhtbench.report.words import (
     factor,
     listed,
     plural,
-    short,
     shown,
     uncounted,
 )
@@ -42,23 +41,19 @@ def summary(rows: Sequence[RunRow]) -> list[str]:
     return [part for part in [*parts, _drift(rows), _caveats(rows)] if part]
 
 
-def problem_summary(rows: Sequence[RunRow], campaign: Campaign | None = None) -> list[str]:
-    """Sentences for one problem: wins and losses by both measures."""
-    lines = analysis.compare(rows, campaign=campaign)
-    return [_sentence([line for line in lines if line.measure == measure], measure) for measure in MEASURES]
-
-
 def _coverage(rows: Sequence[RunRow]) -> str:
     good = sum(row.success for row in rows)
     failed = [f"{status} {number}" for status, number in analysis.statuses(row for row in rows if not row.success).items()]
     others = f"The others: {', '.join(failed)}." if failed else ""
     solvers = plural(len(analysis.entries(rows)), "solver")
     problems = plural(len(analysis.problems(rows)), "problem")
-    return f"{good} of {plural(len(rows), 'run')} reached the end and are believed ({problems}, {solvers}). {others}".strip()
+    return (
+        f"{good} of {plural(len(rows), 'run')} reached the end with a sound result ({problems}, {solvers}). {others}".strip()
+    )
 
 
 def _reached(rows: Sequence[RunRow]) -> str:
-    """Of all errors, by every solver on its problems: how many it reached, and what ended the others, if anything did."""
+    """How many errors the solvers reached on their problems, and why not the others."""
     fronts = analysis.fronts(rows, "time")
     reached = sum(len(front.costs) for front in fronts)
     kinds = Counter(reason.kind for front in fronts for reason in front.missing.values())
@@ -66,7 +61,7 @@ def _reached(rows: Sequence[RunRow]) -> str:
     ends = [f"{words} {kinds[kind]}" for kind, words in KINDS.items() if kinds[kind]]
     rest = f" The others: {', '.join(ends)}." if ends else ""
     return (
-        f"Of {plural(total, 'target')}, each a problem, a solver and an error, {reached} "
+        f"Of {plural(total, 'goal')}, each a problem, a solver and an error, {reached} "
         f"{'is' if reached == 1 else 'are'} reached.{rest} Not tried: {sum(kinds[kind] for kind in (NOT_RUN, *UNREFINED))}."
     )
 
@@ -77,30 +72,35 @@ def _balance(compared: Mapping[float | None, Sequence[Comparison]], measure: str
     for bound, lines in compared.items():
         own = [line for line in lines if line.measure == measure]
         if any(line.outcome != "unknown" for line in own):
-            parts.append(f"{bounded(bound)}, it {_tally(own)}")
+            parts.append(f"{bounded(bound)}, HHT {_tally(own)}")
     if not parts:
         return f"By {MEASURES[measure]}, nothing can be compared: HHT and another solver never reach the same error."
     judged = [line for line in compared[None] if line.measure == measure and line.factor is not None]
-    text = f"By {MEASURES[measure]}, the best HHT entry against the cheapest of all others at the same achieved error. "
+    text = (
+        f"By {MEASURES[measure]}, HHT's best entry is compared with the cheapest other solver at the same achieved error. "
+    )
     text += f"{'. '.join(sentence[0].upper() + sentence[1:] for sentence in parts)}. "
     text += "".join(_extreme([line for line in judged if line.outcome == verb], verb) for verb in ("loses", "wins"))
     return text.strip()
 
 
 def _tally(lines: Sequence[Comparison]) -> str:
-    """``wins 3, loses 2 and is level in 1 of 6 comparisons; it alone gets to the error in 2 more, others alone in 1``."""
+    """``wins 3, loses 2 and is equal in 1 of 6 comparisons; in 2 more only HHT reaches the error``."""
     counts = Counter(line.outcome for line in lines)
     judged = [line for line in lines if line.factor is not None]
-    text = f"wins {counts['wins']}, loses {counts['loses']} and is level in {counts['level']} of "
+    text = f"wins {counts['wins']}, loses {counts['loses']} and is equal in {counts['level']} of "
     text += plural(len(judged), "comparison")
-    more = [f"it alone gets to the error in {counts['alone']}"] if counts["alone"] else []
-    more += [f"others get there in {counts['unheld']} with more drift only"] if counts["unheld"] else []
-    more += [f"it does not get there and others do in {counts['absent']}"] if counts["absent"] else []
-    return f"{text}; besides, {listed(more)}" if more else text
+    more = {
+        "alone": "only HHT reaches the error",
+        "unheld": "the others drift more",
+        "absent": "only others reach the error",
+    }
+    found = [f"in {counts[name]} more {said}" for name, said in more.items() if counts[name]]
+    return f"{text}; {listed(found)}" if found else text
 
 
 def _held_out(rows: Sequence[RunRow]) -> str:
-    """The same, on the problems that were not looked at while defaults were tuned, alone."""
+    """The same, on the held-out problems alone."""
     names = dict.fromkeys(run.problem for run in analysis.points(rows) if run.held_out)
     own = [line for line in analysis.compare(rows) if line.problem in names and line.measure == "time"]
     if not any(line.outcome != "unknown" for line in own):
@@ -115,34 +115,12 @@ def _extreme(lines: Sequence[Comparison], verb: str) -> str:
         return ""
     cheap, dear = (line.subject, line.rival) if verb == "wins" else (line.rival, line.subject)
     needs = f"{dear.entry} needs {factor(line)} the {MEASURES[line.measure]} of {cheap.entry}"
-    return f"It {verb} most on {line.problem} at error {line.target:.0e}: {needs}. "
-
-
-def _sentence(lines: Sequence[Comparison], measure: str) -> str:
-    if not any(line.subject or line.rival for line in lines):
-        reasons = {reason.text for line in lines for reason in line.missing.values()}
-        return f"By {MEASURES[measure]}: nothing can be compared ({'; '.join(sorted(reasons))})."
-    parts = []
-    for name, verb in (("loses", "loses to"), ("level", "is level with"), ("wins", "wins against")):
-        rivals: dict[str, list[str]] = {}
-        for line in lines:
-            if line.outcome == name and line.rival is not None:
-                rivals.setdefault(line.rival.entry, []).append(f"{line.target:.0e} ({factor(line)})")
-        parts += [f"{verb} {short(entry)} at {listed(cases)}" for entry, cases in rivals.items()]
-    for name, text in ABSENCES.items():
-        found = [line for line in lines if line.outcome == name]
-        if found:
-            own = [line.own_missing.text for line in found if line.own_missing is not None]
-            why = f" ({'; '.join(dict.fromkeys(own))})" if own else ""
-            parts.append(f"{text} {listed([f'{line.target:.0e}' for line in found])}{why}")
-    return f"By {MEASURES[measure]} HHT {'; '.join(parts)}."
-
-
-ABSENCES = {"absent": "does not get to", "alone": "alone gets to", "unknown": "is not compared at"}
+    noun = {"wins": "win", "loses": "loss"}[verb]
+    return f"Its largest {noun} is on {line.problem} at an error of {line.target:.0e}: {needs}. "
 
 
 def _drift(rows: Sequence[RunRow]) -> str:
-    """Drift among runs of one accuracy; an over-accurate run would look steady."""
+    """Drift among runs of one accuracy; a run that is more accurate than the others would drift less."""
     found = equally_accurate(rows)
     mine = [run for entry, runs in found.items() if family(entry) == SUBJECT for run in runs]
     others = {entry: runs for entry, runs in found.items() if family(entry) != SUBJECT}
@@ -151,16 +129,14 @@ def _drift(rows: Sequence[RunRow]) -> str:
         own, other = _worst(mine, level), _worst([run for runs in others.values() for run in runs], level)
         if own is None:
             continue
-        text = f"HHT's largest {level} drift is {shown(getattr(own, level))} ({own.problem})"
+        text = f"HHT's largest {level} drift is {shown(getattr(own, level))} (on {own.problem})"
         if other is not None:
             steady = sum(_holds(runs, level) for runs in others.values())
             measured = sum(_worst(runs, level) is not None for runs in others.values())
-            text += (
-                f"; {steady} of {plural(measured, 'other')} stay at or below {STEADY:.0e} wherever they are that accurate"
-            )
-            text += f"; the largest is {shown(getattr(other, level))}, of {other.entry} on {other.problem}"
+            text += f"; {steady} of {plural(measured, 'other')} stay at or below {STEADY:.0e} at this accuracy"
+            text += f"; the largest is {shown(getattr(other, level))} ({other.entry} on {other.problem})"
         parts.append(text + ".")
-    head = f"At equal accuracy, errors within a factor {NEAR:g} of {TYPICAL_ERROR:.0e}"
+    head = f"At equal accuracy (errors within a factor {NEAR:g} of {TYPICAL_ERROR:.0e})"
     return f"{head}: {' '.join(parts)}" if parts else ""
 
 
@@ -179,7 +155,7 @@ def _caveats(rows: Sequence[RunRow]) -> str:
     unknown = [name for name in analysis.problems(rows) if not any(r.error is not None for r in runs if r.problem == name)]
     if unknown:
         parts.append(
-            f"No error is known on {listed(unknown)} (no exact solution, reference or successful run): no costs there."
+            f"No error is known on {listed(unknown)}, which have no exact solution, no reference or no successful run."
         )
     once = [name for name in analysis.problems(rows) if {r.compared for r in runs if r.problem == name} == {1}]
     if once:
@@ -187,11 +163,11 @@ def _caveats(rows: Sequence[RunRow]) -> str:
     parts += _times(runs)
     limited = [run for run in runs if run.error is not None and run.error < run.limit]
     if limited:
-        parts.append(f"{plural(len(limited), 'error')} lie below what the reference can judge and are shown as they are.")
+        parts.append(f"{plural(len(limited), 'error')} lie below the error bar of the reference and are shown as they are.")
     if silent := analysis.silent(rows):
         parts.append(uncounted(silent))
     if len(machines(rows)) > 1:
-        parts.append(f"The rows come from {len(machines(rows))} environments; times of different ones do not compare.")
+        parts.append(f"The rows come from {len(machines(rows))} environments, whose times do not compare.")
     return " ".join(parts)
 
 
@@ -199,13 +175,13 @@ def _times(runs: Sequence[Point]) -> list[str]:
     """How far the times can be trusted."""
     timed = [run for run in runs if run.time is not None]
     counted = {
-        "were taken beside other work: upper bounds": sum(not run.alone for run in timed),
+        "were taken beside other work and are upper bounds": sum(not run.alone for run in timed),
         f"are marked *: {STAR}": sum(run.disturbed for run in timed),
     }
     parts = [f"{number} of {plural(len(timed), 'time')} {text}." for text, number in counted.items() if number]
     shares = [run.share for run in timed if run.share is not None]
     if shares:
-        parts.append(f"Processor time over wall time of the timed solves, median: {median(shares):.2f}.")
+        parts.append(f"The median ratio of processor time to wall time of the timed solves is {median(shares):.2f}.")
     return parts
 
 
@@ -215,6 +191,6 @@ def older(found: Newest) -> list[str]:
         return []
     cells = f"{plural(found.cells, 'cell')} of the store {'exists' if found.cells == 1 else 'exist'}"
     return [
-        f"{cells} in up to {plural(found.versions, 'version')} (other sources, libraries, output times or counting): only "
-        f"the newest row of each is reported, {found.left_out} older left out."
+        f"{cells} in up to {plural(found.versions, 'version')} (other sources, libraries, output times or counting). Only "
+        f"the newest row of each is reported; {found.left_out} older are left out."
     ]

@@ -10,7 +10,7 @@ from hhtbench.report.colours import solver_order
 
 
 class Cell(NamedTuple):
-    """Text of one cell; where it is a verdict its colour, good or bad; a second line in small print; a place to look at."""
+    """Text of one cell; where it is a verdict its colour, good or bad; a second line in small print; a link."""
 
     text: str
     tone: str = ""

@@ -9,7 +9,7 @@ from hhtbench.protocol.evidence import Evidence, Row
 
 
 def verdict(evidence: Evidence) -> str:
-    """What came out, in words."""
+    """How many claims hold, and which fail."""
     judged = [row for row in evidence.rows if row.passed is not None]
     failed = [row.id for row in judged if not row.passed]
     if not judged:
@@ -23,7 +23,7 @@ def verdict(evidence: Evidence) -> str:
 
 
 def duration(seconds: float | None) -> str:
-    """Wall time as a reader would say it."""
+    """``12.3 s``, ``2.5 min``."""
     if seconds is None:
         return "not measured"
     return f"{seconds:.1f} s" if seconds < 120 else f"{seconds / 60:.1f} min"

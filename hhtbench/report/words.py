@@ -1,4 +1,4 @@
-"""Numbers and short phrases of the comparison, the same on both pages."""
+"""Numbers and short phrases of the comparison, the same on the page and in the summary."""
 
 from __future__ import annotations
 
@@ -11,27 +11,29 @@ from hhtbench.campaign.analysis.fronts import Comparison
 MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
 SHORT = {"time": "processor time", "evaluations": "evaluations"}
 NOTHING = "\N{EN DASH}"
+EQUAL = "equal within noise"  # of two times that differ by no more than repeats of one solve
 AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
-STAR = "the process waited: the median reading took clearly more wall time than processor time"
+STAR = "the process had to wait: its median solve took clearly more wall time than processor time"
 BESIDE = f"{AT_MOST} taken beside other work: an upper bound"
+VERBS = {"level": "equal,"}
 KINDS = {  # why a target is not reached
-    "capped": "a stated cap",
-    "standstill": "no better when finer",
-    "fails": "failed",
-    "refused": "refused",
-    "drifts": "more drift",
-    "unjudged": "cannot be judged",
-    "uncounted": "not reported",
+    "capped": "limit of the campaign",
+    "standstill": "no gain from finer settings",
+    "fails": "fails",
+    "refused": "not supported",
+    "drifts": "too much drift",
+    "unjudged": "reference too coarse",
+    "uncounted": "evaluations not counted",
     "not run": "not run",
-    "unfinished": "stopped",
+    "unfinished": "campaign interrupted",
     "not asked": "no run so accurate",
 }
-UNCOUNTED = {"diffrax": "not reported: its Newton iterations run inside compiled code, counting needs a second compilation"}
+UNCOUNTED = {"diffrax": "not counted: its Newton iterations run inside compiled code, counting needs a second compilation"}
 
 
 def short(entry: str) -> str:
-    """A solver's spec without the names of what tells itself: of methods, forms, and alpha, which alone is below zero."""
-    return re.sub(r"\b(?:method|form|solver)=|\balpha=(?=-)", "", entry).replace("constant step", "constant h")
+    """A solver's spec without the names of options that are clear from their values: method, form, a negative alpha."""
+    return re.sub(r"\b(?:method|form|solver)=|\balpha=(?=-)", "", entry)
 
 
 def shown(value: float | None) -> str:
@@ -65,13 +67,14 @@ def work(value: float | None, measure: str) -> str:
 
 
 def times(factor: float) -> str:
-    """A factor as a reader would say it."""
+    """``12.3×``."""
     return f"{factor:,.0f}\N{MULTIPLICATION SIGN}" if factor >= 1000 else f"{factor:.3g}\N{MULTIPLICATION SIGN}"
 
 
 def plural(number: int, word: str) -> str:
     """``1 run``, ``2 runs``."""
-    return f"{number} {word}{'' if number == 1 else 's'}"
+    ending = "" if number == 1 else "es" if word.endswith("s") else "s"
+    return f"{number} {word}{ending}"
 
 
 def listed(parts: list[str]) -> str:
@@ -86,21 +89,22 @@ def dearer(line: Comparison) -> float:
 
 
 def factor(line: Comparison) -> str:
-    """:func:`dearer` in words: "at most" where the dearer side's cost is an upper bound, "at least" where the other's is."""
+    """:func:`dearer` with "at most" where the dearer side's cost is an upper bound, "at least" where the other's is."""
     if line.subject is None or line.rival is None:
         return NOTHING
     winner, loser = (line.subject, line.rival) if (line.factor or 0) > 1 else (line.rival, line.subject)
-    return multiple(dearer(line), loser.bound, winner.bound)
+    return bound_of(loser.bound, winner.bound) + times(dearer(line))
 
 
 def repeats(level: float) -> str:
-    """By how much repeats of one solve differ, as the end of a clause; a level of exactly 1 comes from none."""
-    return times(level) if level > 1.0 else "of which none were timed"
+    """The factor by which repeats of one solve differ; a level of exactly 1 comes from none."""
+    return f"a factor of {level:.3g}" if level > 1.0 else "of which none were timed"
 
 
-def multiple(ratio: float, at_most: bool, at_least: bool) -> str:
-    """A cost over another, which may be an upper or a lower bound."""
-    return bound_of(at_most, at_least) + times(ratio)
+def sign_of(at_most: bool, at_least: bool) -> str:
+    """The same as :func:`bound_of` as a sign, for tables."""
+    signs = {(True, False): AT_MOST, (False, True): "\N{GREATER-THAN OR EQUAL TO}", (True, True): "\N{ALMOST EQUAL TO}"}
+    return f"{signs[at_most, at_least]} " if at_most or at_least else ""
 
 
 def bound_of(at_most: bool, at_least: bool) -> str:
@@ -108,24 +112,35 @@ def bound_of(at_most: bool, at_least: bool) -> str:
     return {(True, False): "at most ", (False, True): "at least ", (True, True): "about "}.get((at_most, at_least), "")
 
 
+def bound_label(bound: float | None) -> str:
+    """A bound of the drift on a button, in a table."""
+    return "any" if bound is None else f"{AT_MOST} {bound:.0e}"
+
+
 def bounded(bound: float | None) -> str:
-    """A bound of the drift in words."""
+    """A bound of the drift, as the end of a clause."""
     return "whatever the drift" if bound is None else f"with drift of at most {bound:.0e}"
 
 
 def outcome(line: Comparison) -> str:
-    """Who needs less, by which factor; or who gets there at all."""
+    """Who costs less, by which factor; or who reaches the error at all."""
     if line.outcome == "absent":
-        return "HHT does not get there"
+        return "HHT does not reach it"
     if line.outcome == "unknown":
         reason = line.own_missing
-        return reason.text if reason is not None else "no HHT run" if line.subject is None else "nobody to compare with"
-    texts = {"alone": "only HHT gets there", "unheld": "no other accurate run drifts so little"}
-    return texts.get(line.outcome) or f"{line.outcome} {factor(line)}"
+        return (
+            reason.text
+            if reason is not None
+            else "no HHT run"
+            if line.subject is None
+            else "no other solver to compare with"
+        )
+    texts = {"alone": "only HHT reaches it", "unheld": "the others drift more"}
+    return texts.get(line.outcome) or f"{VERBS.get(line.outcome, line.outcome)} {factor(line)}"
 
 
 def behind(line: Comparison) -> str:
-    """Whom the verdict is about, why one side does not get there, and what it would need at least."""
+    """Who the other side is, why one side does not reach the error, and what it would cost at least."""
     if line.factor is not None and line.rival is not None:
         return f"against {short(line.rival.entry)}"
     least = line.least_factor
@@ -138,8 +153,8 @@ def behind(line: Comparison) -> str:
 
 
 def doubt(message: str) -> str:
-    """Why a run that came to an end is not believed."""
-    return f"not believed: {message}"
+    """Why the result of a run that came to an end is rejected."""
+    return f"result rejected: {message}"
 
 
 def compared(runs: Iterable[Point]) -> str:
@@ -149,11 +164,11 @@ def compared(runs: Iterable[Point]) -> str:
         return ""
     if counts == [1]:
         return ", compared at 1 time only"
-    return f", largest over {f'{counts[0]} to ' if len(counts) > 1 else ''}{counts[-1]} compared times"
+    return f", the largest over {f'{counts[0]} to ' if len(counts) > 1 else ''}{counts[-1]} compared times"
 
 
 def timed(run: Point) -> str:
-    """Wall time; an upper bound beside other work, with a star where something else ran on the core."""
+    """Processor time; an upper bound beside other work, with a star where the process had to wait."""
     if run.time is None:
         return NOTHING
     bound = "" if run.alone or not run.success else AT_MOST + " "
@@ -176,11 +191,11 @@ def weighed(runs: Iterable[Point]) -> str:
 
 
 def uncounted(entries: Sequence[str]) -> str:
-    """Who is in no ranking by evaluations, and why; "" where all report theirs."""
+    """Who is in no ranking by evaluations, and why; "" where all are counted."""
     if not entries:
         return ""
     reasons: dict[str, list[str]] = {}
     for entry in entries:
-        reasons.setdefault(UNCOUNTED.get(family(entry), "not reported"), []).append(entry)
+        reasons.setdefault(UNCOUNTED.get(family(entry), "not counted"), []).append(entry)
     texts = [f"{listed(own)} ({reason})" for reason, own in reasons.items()]
-    return f"Left out of every ranking by evaluations: {'; '.join(texts)}."
+    return f"Not ranked by evaluations: {'; '.join(texts)}."

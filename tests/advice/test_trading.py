@@ -118,7 +118,7 @@ def test_the_command_prints_draws_and_writes(prices, tmp_path: Path):
     told = json.loads(data.read_text())
     assert told["accuracies"] == [1e-2, 1e-3]
     assert [choice["solver"] for choice in told["choices"]] == [CHEAP, CHEAP]
-    titles = [figure["layout"]["title"]["text"] for figure in figures_of(page.read_text())]
+    titles = [figure["layout"]["title"]["text"] for figure in figures_of(page.read_text()).values()]
     assert titles == ["Error against processor time", "Error against residual evaluations"]
 
 

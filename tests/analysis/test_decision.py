@@ -129,11 +129,11 @@ def test_kinds_are_those_of_the_problem_mixed_ones_and_those_where_every_run_fai
     found = {name: kind.text for kind, names in kinds(rows[::-1]).items() for name in names}
     assert list(found) == ["pendulum", "ball", "knife", "chain", "broken", "crashed"], "in the order of their constraints"
     assert found == {
-        "pendulum": "position constraints, nonlinear reaction, not tagged stiff",
-        "ball": "position and velocity constraints, not tagged stiff",
-        "knife": "velocity constraints, not tagged stiff",
-        "chain": "no constraints, tagged stiff",
-        "broken": "constraints not recorded, not tagged stiff",
+        "pendulum": "position constraints, nonlinear reaction, not stiff",
+        "ball": "position and velocity constraints, not stiff",
+        "knife": "velocity constraints, not stiff",
+        "chain": "no constraints, stiff",
+        "broken": "constraints not recorded, not stiff",
         "crashed": "constraints not recorded, stiffness not recorded",
     }
 
@@ -143,4 +143,4 @@ def test_a_row_that_knows_less_of_its_problem_does_not_hide_one_that_knows_more(
     rows = [failed("ida", 10.0**-k) for k in range(3)]
     rows[0].metrics["system"] = {"n": 2, "m": 1, "p": 0, "tags": ["stiff"]}
     rows[1].metrics["system"] = {"n": 2, "m": None, "p": None, "tags": ["stiff"]}
-    assert [kind.text for kind in kinds([rows[k] for k in order])] == ["position constraints, tagged stiff"]
+    assert [kind.text for kind in kinds([rows[k] for k in order])] == ["position constraints, stiff"]

@@ -1,12 +1,10 @@
 from __future__ import annotations
 
 import random
-from dataclasses import replace
 
 import pytest
 
 from hhtbench.campaign.analysis import profiles, reaches
-from hhtbench.campaign.analysis.profile import relative_profiles
 from tests.analysis.laws import EVALUATION, failed, law, run
 from tests.report.synthetic import rows as campaign
 
@@ -23,24 +21,10 @@ def test_share_of_problem_error_pairs_is_counted_by_hand():
     assert [share(found, "hht", cost) for cost in (300, 400, 2000, 20_000)] == pytest.approx([0, 0.25, 0.5, 0.75])
 
 
-def test_time_is_that_of_the_first_run_that_reaches_the_error_and_the_search_adds_all_before_it():
-    broken = replace(failed("hht", 1e-2), timing={"solve_s": 7.0})
-    rows = [run("hht", 1e-1, 5e-1, 100), broken, run("hht", 1e-3, 1e-3, 900)]
+def test_cost_is_that_of_the_first_run_that_reaches_the_error():
+    rows = [run("hht", 1e-1, 5e-1, 100), failed("hht", 1e-2), run("hht", 1e-3, 1e-3, 900), run("hht", 1e-4, 1e-4, 300)]
     (reach,) = reaches(rows, "time", (1e-2,))
     assert reach.cost == pytest.approx(900 * EVALUATION)
-    assert reach.search == pytest.approx(1000 * EVALUATION + 7.0)
-
-
-def test_search_over_a_run_of_unknown_cost_is_not_known():
-    rows = [failed("hht", 1e-1), run("hht", 1e-3, 1e-3, 900)]
-    (reach,) = reaches(rows, "evaluations", (1e-2,))
-    assert (reach.cost, reach.search) == (900, None)
-
-
-def test_a_run_whose_time_is_not_known_counts_what_it_was_allowed():
-    crashed = failed("hht", 1e-1, status="crashed", request={"rtol": 1e-1, "max_seconds": 5.0})
-    (reach,) = reaches([crashed, run("hht", 1e-3, 1e-3, 900)], "time", (1e-2,))
-    assert reach.search == pytest.approx(900 * EVALUATION + 5.0)
 
 
 def test_unreached_stays_unreached_however_much_is_spent():
@@ -68,10 +52,3 @@ def test_no_curve_changes_when_a_solver_comes_or_goes():
         kept = profiles(reaches([row for row in rows if row.solver != gone], "time"))
         assert len(kept) == len(whole) - 1
         assert all(profile == whole[profile.entry] for profile in kept)
-
-
-def test_relative_profile_begins_with_the_share_of_pairs_on_which_a_solver_is_the_best():
-    rows = [*law("hht", 100.0, 2), *law("ida", 400.0, 4)]  # level at an error of 4e-3
-    found = relative_profiles(reaches(rows, "time", (1e-1, 1e-2, 1e-3, 1e-4)))
-    assert (share(found, "hht", 1.0), share(found, "ida", 1.0)) == pytest.approx((0.5, 0.5))
-    assert share(found, "hht", 2.6) == pytest.approx(1.0)

@@ -13,7 +13,7 @@ from hhtbench.protocol.errors import BudgetSpent
 from hhtbench.solution.result import Status
 from solvers.hht import HHT
 from solvers.hht.run import functions
-from solvers.kernel import kkt
+from solvers.kernel import full, kkt
 from tests.lowering.changing import Declared, Massless, Redundant, Sprung
 
 ONE_ROW_LESS = pytest.mark.filterwarnings("ignore:redundant constraints")
@@ -152,7 +152,7 @@ def test_a_time_budget_that_ends_while_code_is_made_leaves_no_half_of_it(last, m
                 raise BudgetSpent("seconds", 1.0)
         return make(function, *given, **options)
 
-    for module in (functions, kkt):
+    for module in (functions, full, kkt):
         monkeypatch.setattr(module, "native", native)
     monkeypatch.setattr(functions, "_known", Cache(16))
     system = Sprung()

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 
-from hhtbench import lowering
 from hhtbench.api import solve
 from hhtbench.lowering import derive, minimum_norm, padded, reduce_redundant, redundant_rows, unreduced
+from hhtbench.lowering.dynamics import rank
 from hhtbench.protocol.system import NumpySystem, Problem, System
 from hhtbench.solution import counting
 from hhtbench.solution.result import Status
@@ -235,19 +235,19 @@ def test_a_violation_that_is_over_at_the_only_row_is_seen_at_the_steps():
 
 
 @pytest.mark.filterwarnings("ignore:redundant constraints")
-def test_rows_that_nobody_has_looked_at_are_no_success(monkeypatch):
+def test_rows_that_nobody_has_checked_are_no_success(monkeypatch):
     """By a clock on which the multipliers of least norm of each row take a second more."""
-    late, smallest = [0.0], lowering.minimum_norm
+    late, smallest = [0.0], rank.minimum_norm
     monkeypatch.setattr(counting, "time", SimpleNamespace(perf_counter=lambda: time.perf_counter() + late[0]))
 
     def slowly(*given):
         late[0] += 1.0
         return smallest(*given)
 
-    monkeypatch.setattr(lowering, "minimum_norm", slowly)
+    monkeypatch.setattr(rank, "minimum_norm", slowly)
     solution = solve(bead(Twice()), "hht", steps=50, max_seconds=20.0)
     assert solution.status is Status.deadline
-    known = int(re.search(r"ended when (\d+) of 51 rows were looked at", solution.message)[1])
+    known = int(re.search(r"ended when (\d+) of 51 rows were checked", solution.message)[1])
     assert 0 < known <= 23
     assert solution.t.size == 51, "no row is lost"
     assert np.array_equal(solution.lam[:, 1] != 0.0, np.arange(51) < known)

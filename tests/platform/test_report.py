@@ -87,7 +87,7 @@ def test_page_shows_heading_figure_and_caption_and_escapes_the_title(report):
     assert "<h2>Error of q</h2>" in section
     assert '<p class="caption">It falls by four.</p>' in section
     assert 'data-figure="0"' in section
-    (drawn,) = figures_of(text)
+    (drawn,) = figures_of(text).values()
     assert [curve["name"] for curve in drawn["data"]] == ["slope 2", "alpha = 0"]
 
 

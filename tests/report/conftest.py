@@ -4,6 +4,7 @@ import pytest
 
 from hhtbench.protocol.evidence import Evidence, Row
 from hhtbench.report import write_comparison
+from tests.report.drawings import opened
 from tests.report.synthetic import rows as campaign
 
 COMMAND = "hhtbench report --store runs.sqlite --folder reports/latest"
@@ -30,3 +31,9 @@ def report(rows, evidence, tmp_path_factory):
 @pytest.fixture(scope="session")
 def page(report):
     return (report / "index.html").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="session")
+def whole(page):
+    """The page with all of its parts opened."""
+    return opened(page)

@@ -162,7 +162,7 @@ class Truth:
         return sorted(found, key=lambda one: (-one[1], float(f"{one[2]:.9e}")))
 
 
-TALLY = r"wins (\d+), loses (\d+) and is level in (\d+) of (\d+) comparisons?"
+TALLY = r"wins (\d+), loses (\d+) and is equal in (\d+) of (\d+) comparisons?"
 
 
 def false_sentences(text, rows):
@@ -174,17 +174,17 @@ def false_sentences(text, rows):
             wrong.append(f"{what}: told {told}, found {found}")
 
     good = sum(row.status in ("success", "event") for row in rows)
-    head = re.search(r"(\d+) of (\d+) runs? reached the end and are believed \((\d+) problems?, (\d+) solvers?\)", text)
+    head = re.search(r"(\d+) of (\d+) runs? reached the end with a sound result \((\d+) problems?, (\d+) solvers?\)", text)
     solvers = {solver for group in truth.groups.values() for solver in group}
     expect("coverage", tuple(map(int, head.groups())), (good, len(rows), len(truth.groups), len(solvers)))
-    asked = re.search(r"Of (\d+) targets?, .*?, (\d+) (?:is|are) reached\.(.*?)Not tried: (\d+)", text)
+    asked = re.search(r"Of (\d+) goals?, .*?, (\d+) (?:is|are) reached\.(.*?)Not tried: (\d+)", text)
     expect("targets", (int(asked[1]), int(asked[2])), truth.reached())
     others = sum(map(int, re.findall(r"[a-z] (\d+)[,.]", asked[3])))
     expect("targets that are not reached", others, int(asked[1]) - int(asked[2]))
     for words, measure in (("processor time", "time"), ("residual evaluations", "evaluations")):
-        part = re.search(rf"By {words}, the best HHT entry(.*?)(?=By |On the|At equal accuracy|$)", text)
+        part = re.search(rf"By {words}, HHT's best entry(.*?)(?=By |On the|At equal accuracy|$)", text)
         for sentence, bound in BOUNDS.items():
-            told = part and re.search(rf"{sentence}, it {TALLY}", part[1])
+            told = part and re.search(rf"{sentence}, HHT {TALLY}", part[1])
             found = truth.tally(measure, bound)
             if told or found[3]:
                 expect(f"{words}, {sentence}", told and tuple(map(int, told.groups())), found)

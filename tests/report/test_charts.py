@@ -7,7 +7,7 @@ import numpy as np
 import plotly.graph_objects as go
 import pytest
 
-from hhtbench.report.chart import draw, packed
+from hhtbench.report.chart import draw, on_axis
 from hhtbench.report.charts import problem_charts
 from hhtbench.report.colours import FAMILIES, solver_order, solver_styles
 from hhtbench.report.drawings import Drawings
@@ -47,7 +47,7 @@ def test_run_that_is_not_believed_stands_hollow_at_its_own_time_and_error():
     figure = _drawn(chart)
     (mark,) = _named(figure, "ida", "circle-open")
     assert (mark.x[0], mark.y[0]) == (pytest.approx(300), pytest.approx(0.5))
-    assert "not believed: g is 0.1" in mark.text[0]
+    assert "result rejected: g is 0.1" in mark.text[0]
     assert "error 0.5" in mark.text[0]
     assert 0.5 not in [y for trace in chart.traces for y in trace.y]
     assert "did not finish" not in str(figure.layout.annotations)
@@ -170,7 +170,7 @@ def test_limit_of_the_reference_is_drawn_where_errors_come_near_it():
             row.metrics["errors"]["digits"] = digits
         return [annotation.text for annotation in _drawn(_charts(rows)["work-time"]).layout.annotations]
 
-    assert "the reference cannot judge below" in annotations(6)
+    assert "error bar of the reference" in annotations(6)
     assert not annotations(12)
 
 
@@ -181,8 +181,9 @@ def test_drift_over_time_keeps_its_largest_value_when_thinned_and_zero_can_be_dr
     rows = [run("ida", 1e-4, 1e-4, 100, series={"drift": {"t": t, "position": values}})]
     chart = _charts(rows)["drift-position"]
     (trace,) = chart.traces
-    assert len(trace.x) <= 100
-    assert dict(zip(trace.x, trace.y, strict=True))[777.0] == 1e-5
+    assert len(trace.x) < 60
+    (place,) = [x for x, y in zip(trace.x, trace.y, strict=True) if y == 1e-5]
+    assert place == pytest.approx(777.0, abs=1000 / 48)
     assert min(trace.y) == 1e-18
     assert "Zero is drawn at 1e-18" in chart.caption
 
@@ -222,9 +223,10 @@ def test_order_of_solvers_is_by_family_and_strangers_come_last():
     assert order == ("hht(alpha=-0.1)", "hht(alpha=0)", "ida(form=ggl)", "scipy(method=Radau)", "alpha", "zeta")
 
 
-def test_times_far_from_zero_keep_double_precision_and_no_number_spoils_a_page():
+def test_times_far_from_zero_stay_apart_and_no_number_spoils_a_page():
     drawings = Drawings()
-    drawings.box({"data": [{"x": packed([2000.0, 2000.05]), "y": packed([0.0, 1.0])}], "layout": {"range": [1.0, np.inf]}})
-    (figure,) = figures_of(drawings.scripts(""))
-    assert (figure["data"][0]["x"]["dtype"], figure["data"][0]["y"]["dtype"]) == ("f8", "f4")
+    x = on_axis([2000.0123456, 2000.0623456, 2000.0124567])
+    drawings.box({"data": [{"x": x, "name": "a name that is long"}], "layout": {"range": [1.0, np.inf]}})
+    (figure,) = figures_of(drawings.scripts("")).values()
+    assert figure["data"] == [{"x": [2000.01235, 2000.06235, 2000.01246], "name": "a name that is long"}]
     assert figure["layout"]["range"] == [1.0, None]

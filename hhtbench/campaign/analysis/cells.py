@@ -53,8 +53,8 @@ class Point:
     message: str
     success: bool
     error: float | None  #: :func:`state_error`; None where the run failed or nothing was compared
-    doubted: float | None  #: error of a run that came to an end but is not believed; shown, never ranked
-    lam: float | None  #: scaled error of the multipliers of position constraints, also of a run that is not believed
+    doubted: float | None  #: error of a run whose result was rejected; shown, never ranked
+    lam: float | None  #: scaled error of the multipliers of position constraints, also of a run whose result was rejected
     mu: float | None  #: scaled error of the multipliers of velocity constraints
     compared: int | None  #: number of times at which the error was taken
     limit: float  #: error below which the reference cannot judge; 0 for an exact solution
@@ -62,9 +62,8 @@ class Point:
     first: float | None  #: time of a solve before all others, compilation included [s]
     repeats: tuple[float, ...]  #: processor time of every repeat, spread over time [s]
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
-    allowed: float | None  #: time limit of the solve [s]
-    rules: Rules | None  #: rules of the campaign; None: the setting was given explicitly
-    held_out: bool  #: defaults were not tuned on the problem
+    rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
+    held_out: bool  #: of a problem that played no part in the choice of defaults
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve
@@ -203,7 +202,6 @@ def _reduced(row: RunRow) -> Point:
         first=number(row.timing, "compile_s"),
         repeats=tuple(float(value) for value in row.timing.get("rounds_s") or [] if value),
         spent=_spent(row),
-        allowed=number(row.request, "max_seconds"),
         rules=rules_of(row),
         held_out=row.request.get("held_out") is True,
         alone=alone is not None,

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.campaign.analysis.cells import NEAR, SUBJECT, TYPICAL_ERROR, Point, by_problem, family, point, points, typical
+from hhtbench.campaign.analysis.cells import NEAR, TYPICAL_ERROR, Point, by_problem, point, points, typical
 from hhtbench.campaign.analysis.fronts import Cost, fronts
 from hhtbench.campaign.store.rows import RunRow
 
-MOST_COMPONENTS = 3  # of the multipliers drawn over time: more lines cannot be told apart
+MOST_COMPONENTS = 3  # of the multipliers drawn over time: more lines cannot be distinguished
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +106,7 @@ def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ER
     """Map each entry to its drift and cost on every problem with constraints where both it and HHT reach ``target``."""
     found: dict[str, list[DriftCost]] = {}
     for front in fronts(rows, measure, (target,)):
-        own = next((cost for cost in front.costs if family(cost.entry) == SUBJECT), None)
+        own = front.subject
         if own is None:
             continue
         for cost in front.costs:

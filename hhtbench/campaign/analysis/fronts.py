@@ -44,17 +44,17 @@ class Front:
         """All solvers that were run on the problem."""
         return (*(cost.entry for cost in self.costs), *self.missing)
 
+    @property
+    def subject(self) -> Cost | None:
+        """Cost of HHT's cheapest entry; None if none reaches the error."""
+        return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison(Front):
     """Comparison of HHT's (``SUBJECT``) cheapest entry with the cheapest other solver."""
 
     level: float = 1.0  #: factors up to it are level: repeats of one solve differ by as much
-
-    @property
-    def subject(self) -> Cost | None:
-        """Cost of HHT's cheapest entry; None if none reaches the error."""
-        return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
 
     @property
     def rival(self) -> Cost | None:

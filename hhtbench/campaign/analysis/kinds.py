@@ -18,16 +18,16 @@ CONSTRAINTS = {  # by whether there are any of positions, and of velocities; in 
     (False, True): "velocity constraints",
     (False, False): "no constraints",
 }
-UNTOLD = "constraints not recorded"  # no solver has called the problem's functions, or an older hhtbench made the rows
+UNKNOWN = "constraints not recorded"  # no solver has called the problem's functions, or an older hhtbench made the rows
 NONLINEAR = "nonlinear reaction"  # the tag
-STIFFNESS = {False: "not tagged stiff", True: "tagged stiff", None: "stiffness not recorded"}
+STIFFNESS = {False: "not stiff", True: "stiff", None: "stiffness not recorded"}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
     """Properties shared by problems that are compared together."""
 
-    constraints: str  #: one of ``CONSTRAINTS``, or ``UNTOLD``
+    constraints: str  #: one of ``CONSTRAINTS``, or ``UNKNOWN``
     nonlinear: bool = False  #: whether the problem has the tag ``NONLINEAR``
     stiff: bool | None  #: whether it has the tag "stiff"; None where no row holds its tags
 
@@ -38,14 +38,14 @@ class Kind:
 
 
 def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
-    """Map each kind to its problems; position constraints come first, kinds without tags before those with."""
+    """Map each kind to its problems; position constraints come first, kinds that are not stiff before stiff ones."""
     systems_of: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         systems_of.setdefault(row.problem, []).append(row.metrics.get("system") or {})
     found: dict[Kind, list[str]] = {}
     for problem, systems in systems_of.items():
         found.setdefault(_kind(systems), []).append(problem)
-    order = [*CONSTRAINTS.values(), UNTOLD]
+    order = [*CONSTRAINTS.values(), UNKNOWN]
     by = {kind: (order.index(kind.constraints), kind.nonlinear, list(STIFFNESS).index(kind.stiff)) for kind in found}
     return {kind: tuple(found[kind]) for kind in sorted(found, key=lambda kind: by[kind])}
 
@@ -54,6 +54,6 @@ def _kind(systems: Sequence[Mapping[str, Any]]) -> Kind:
     """Return the kind of one problem from any row that holds its sizes and any that holds its tags."""
     sizes = next(((one["m"], one["p"]) for one in systems if None not in (one.get("m"), one.get("p"))), None)
     tags = next((one["tags"] for one in systems if one.get("tags") is not None), None)
-    constraints = UNTOLD if sizes is None else CONSTRAINTS[sizes[0] > 0, sizes[1] > 0]
+    constraints = UNKNOWN if sizes is None else CONSTRAINTS[sizes[0] > 0, sizes[1] > 0]
     stiff = None if tags is None else "stiff" in tags
     return Kind(constraints=constraints, nonlinear=NONLINEAR in (tags or ()), stiff=stiff)

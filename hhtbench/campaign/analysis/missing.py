@@ -1,7 +1,7 @@
 """Reasons why a solver has no cost at an error, with a lower bound from its finest run.
 
 A target that was not reached is a censored cell.  A campaign asks every solver for every target, so there is always a
-reason: refused, failed, no better when finer, a stated cap, or drift.
+reason: not supported, failed, no gain from finer settings, a limit of the campaign, or drift.
 """
 
 from __future__ import annotations

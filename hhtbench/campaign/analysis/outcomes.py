@@ -18,7 +18,7 @@ NUMBER = re.compile(r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """Failed or disbelieved runs with one reason: one status, and messages that differ in numbers at most."""
+    """Failed or rejected runs with one reason: one status, and messages that differ in numbers at most."""
 
     status: str
     message: str  #: of the first
@@ -32,7 +32,7 @@ class Failure:
 
     @property
     def reached(self) -> float | None:
-        """Largest fraction of the interval reached; None for runs that are not believed."""
+        """Largest fraction of the interval reached; None for runs whose result was rejected."""
         known = [] if self.status == DOUBTED else [point(row).reached for row in self.rows]
         return max((value for value in known if value is not None), default=None)
 
@@ -44,7 +44,7 @@ def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
 
 
 def failures(rows: Iterable[RunRow]) -> tuple[Failure, ...]:
-    """Group all runs that failed or are not believed by reason; declined ones come last."""
+    """Group all runs that failed or were rejected by reason; declined ones come last."""
     groups: dict[tuple[str, str], list[RunRow]] = {}
     for row in rows:
         if not row.success:

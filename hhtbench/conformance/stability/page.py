@@ -18,16 +18,13 @@ from hhtbench.report.tables import Cell, Table, make_table
 from hhtbench.report.wording import anchor
 
 ABOUT = (
-    "Each axis drives one parameter to its extremes. A cell is one solve with a budget of time; its answer is judged "
-    "by a closed solution, a certified reference or an invariant; only perturbed starts and fitted orders compare "
-    "runs of a solver. What is allowed stands beside every line of an axis: under error control mostly a hundred "
-    "times the tolerance, for prescribed steps the error of a method of second order, capped where a motion that "
-    "stands still or has lost its phase would pass. A solver is safe on an axis where no cell misleads and at least "
-    f"{100 * SAFE:g} % are right. The matrix of "
-    "HHT's step, its radius, damping and overshoot are rows M1 to M5 of hhtbench study acceptance, by how much error "
-    "control lets its steps grow is row M10, spans of 1e300 s are row S6. "
-    "Maps of stability of the closed-loop solvers of game engines are in arXiv 2504.19771 (2025); new here: typed ends, "
-    "solvers with error control and prescribed steps through the same cases, and wrong answers that say success apart."
+    "An axis is one parameter that is driven to its extremes. A cell is one solve with a budget of time. Its answer is "
+    "judged by a closed solution, a certified reference or an invariant; only perturbed starts and fitted orders compare "
+    "runs of a solver. The error that counts as right stands at each axis: under error control mostly a hundred times the "
+    "tolerance, for prescribed steps the error of a method of second order. "
+    f"A solver is safe on an axis where no cell is wrong with a success and at least {100 * SAFE:g} % are right. "
+    "Rows M1 to M5 and M10 of hhtbench study acceptance hold the matrix of HHT's step, row S6 spans of 1e300 s. "
+    "Maps of stability of the solvers of game engines are in arXiv 2504.19771 (2025)."
 )
 PALEST = 0.35
 COLOURS = {  # distinct for colour-blind eyes; the letter of each kind tells it without colours
@@ -85,9 +82,10 @@ def stability_page(found: Stability, compared: bool = False) -> str:
 def counts(found: Stability) -> Table:
     """Return the table of right cells per axis and solver, with the number of silently wrong ones."""
     rows: list[list[str | Cell]] = [
-        [axis.id, *(_share(found.of(axis.id, solver)) for solver in found.solvers)] for axis in found.axes
+        [Cell(axis.id, detail=axis.sentence), *(_share(found.of(axis.id, solver)) for solver in found.solvers)]
+        for axis in found.axes
     ]
-    note = "Right of all cells that it can be asked; below it those that are silently wrong, crashed or hung."
+    note = "Right cells of those that a solver can be asked, and how many are wrong with a success, crashed or hung."
     return make_table(["axis", *found.solvers], rows, note)
 
 
