@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import time
 from functools import partial
 from typing import Any
@@ -11,8 +10,8 @@ import numpy as np
 
 from hhtbench.catalogue.registry import load_problem, load_solver
 from hhtbench.checks.result.success import check_success
-from hhtbench.protocol.errors import BudgetSpent, ProblemError
-from hhtbench.protocol.system import EVENT, Problem, Solver, accepts, wrong_arguments, wrong_scales
+from hhtbench.protocol.errors import BudgetSpent
+from hhtbench.protocol.system import Problem, Solver
 from hhtbench.solution.counting import Clock, handed_over
 from hhtbench.solution.request import Request, check_output_times, make_request, with_tolerance
 from hhtbench.solution.result import Counters, Solution, Status
@@ -77,10 +76,9 @@ def solve(
     if events is not None:
         if not hasattr(chosen, "with_events"):
             return _nothing(loaded, Status.declined, f"{chosen.name} has no events; hht has.")
-        for i, event in enumerate(events if isinstance(events, (list, tuple)) else [events]):
-            if inspect.isfunction(event) and not accepts(event, EVENT):
-                declared = inspect.signature(event)
-                raise TypeError(f"events[{i}] must take the arguments (t, q, v); it is declared with {declared}.")
+        from hhtbench.protocol.wrong_use import require_events
+
+        require_events(events)
         chosen = chosen.with_events(events)
     with handed_over(clock):
         try:
@@ -105,11 +103,10 @@ def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> S
         return _nothing(problem, Status.declined, reason)
     try:
         found = solver.solve(problem, request)
-    except (TypeError, ValueError) as error:  # of Python or NumPy, where a declaration does not fit the protocol
-        if isinstance(error, TypeError) and (wrong := wrong_arguments(problem.system)):
-            raise TypeError(wrong) from error
-        if wrong := wrong_scales(problem):
-            raise ProblemError(wrong) from error
+    except (TypeError, ValueError) as error:
+        from hhtbench.protocol.wrong_use import raise_wrong_use
+
+        raise_wrong_use(problem, error)
         raise
     try:
         doubt = check_success(problem, request, found, clock)

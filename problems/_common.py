@@ -68,9 +68,7 @@ def load_reference(name: str, t_end: float) -> dict[str, Any] | None:
 
 
 def minimal(name: str, *parameters: Any) -> Callable[[], MinimalCoordinates]:
-    """Return a call of the function ``name`` of :mod:`problems._minimal` with ``parameters``; the module is imported in the
-    call.
-    """
+    """Return a function that calls ``name`` of :mod:`problems._minimal` with ``parameters``; it imports the module."""
     return functools.partial(_minimal, name, parameters)
 
 

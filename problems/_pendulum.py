@@ -35,9 +35,7 @@ class Bob(System):
 
 
 def quarter(amplitude: float) -> float:
-    """Complete elliptic integral K of the modulus ``k = sin(amplitude / 2)``: the period of the swing is ``4 K sqrt(L /
-    g)``.
-    """
+    """Complete elliptic integral K of the modulus ``k = sin(amplitude / 2)``; the period is ``4 K sqrt(L / g)``."""
     return float(ellipkm1(math.cos(amplitude / 2) ** 2))
 
 

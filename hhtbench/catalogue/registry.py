@@ -76,10 +76,9 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
             _refuse_arguments(f"the problem {spec.name}", parameters)
         return spec
     if isinstance(spec, (System, NumpySystem)):
-        raise TypeError(
-            f"a problem must be a spec or a hhtbench.Problem; got {_kind_of(spec)}. A system needs a start and an interval: "
-            "hb.Problem(name=..., system=..., t_span=(0.0, 1.0), q0=..., v0=...)."
-        )
+        from hhtbench.protocol.wrong_use import system_as_problem
+
+        raise system_as_problem(spec)
     if is_held(spec):
         return _HELD.get()[spec]
     found = parse_spec(spec)
@@ -149,7 +148,7 @@ def load_solver(spec: str | Solver, **options: Any) -> Solver:
     if not isinstance(spec, str):
         if not _is_solver(spec):
             raise TypeError(
-                f'a solver must be a spec or have accepts() and solve(); got {_kind_of(spec)}. Write "hht(alpha=-0.1)", say.'
+                f"a solver must be a spec, 'hht(alpha=-0.1)', or have accepts() and solve(); got {_kind_of(spec)}."
             )
         _refuse_arguments("the solver", options)
         return spec
@@ -199,10 +198,7 @@ def _from_file(path: str, name: str) -> Any:
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[str, Any]) -> None:
-    """Raise a ProblemError that lists the known parameters if ``arguments`` do not fit the factory's signature.
-
-    Comparing with the signature keeps a TypeError raised inside the factory apart from one of its call.
-    """
+    """Raise a ProblemError if ``arguments`` do not fit the signature, and not because of a TypeError inside the factory."""
     try:
         signature = inspect.signature(factory)
     except (TypeError, ValueError):
@@ -219,9 +215,7 @@ def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[
 
 def _refuse_arguments(name: str, arguments: Mapping[str, Any]) -> None:
     if arguments:
-        raise ProblemError(
-            f"{name} is an object, not a function, and takes no parameters; got {', '.join(sorted(arguments))}."
-        )
+        raise ProblemError(f"{name} is no function and takes no parameters; got {', '.join(sorted(arguments))}.")
 
 
 def _is_solver(value: Any) -> bool:

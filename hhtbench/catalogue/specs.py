@@ -111,9 +111,7 @@ def _bad_target(text: str) -> ProblemError:
         return ProblemError(f"a spec must not be empty; for example {EXAMPLES}.")
     file = re.match(r"(.+?\.py)(\(.*\))?$", text)
     if file:
-        return ProblemError(
-            f"{file[1]} is a file; add the name of the function or problem in it, for example {file[1]}:problem(k=1)."
-        )
+        return ProblemError(f"{file[1]} is a file; add the name of the problem in it, for example {file[1]}:problem(k=1).")
     opening = re.match(r"(.+?\.py:)?[\w.-]*", text)
     place = opening.end() if opening else 0
     if place == 0 or not text[place:].startswith("("):

@@ -202,9 +202,7 @@ class _Search:
         return [(middle, high, of_middle, of_high), (low, middle, of_low, of_middle)]
 
     def _halved(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> list[tuple[Any, ...]]:
-        """Halve the intervals, too short for seven values, in which a function changes; those that cannot be halved are
-        jumps.
-        """
+        """Halve intervals too short for seven values in which a function changes; those that cannot be halved are jumps."""
         middle = low + 0.5 * (high - low)
         splits = (low < middle) & (middle < high) & (high - low > self._shortest)
         self._found += zip(low[~splits].tolist(), high[~splits].tolist(), strict=True)

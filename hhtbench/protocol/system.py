@@ -92,7 +92,6 @@ DERIVATIVES = {
     "reaction_jacobians": _signature("t q lam", "nn", "nm"),  # Q_q, Q_lam
 }
 SIGNATURES = PHYSICS | DERIVATIVES
-EVENT = _signature("t q v", "")
 WITH_VELOCITY = {  # reactions that depend on v too (friction in a joint), recognised by their four arguments
     "reaction": _signature("t q v lam", "n"),
     "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
@@ -235,10 +234,7 @@ def declared(system: System | NumpySystem, name: str) -> Any:
 
 
 def reaction_takes_velocity(system: System | NumpySystem) -> bool:
-    """True if ``reaction`` is a function of (t, q, v, lam) and not of (t, q, lam).
-
-    A function that can be called with three and with four arguments is called with three.
-    """
+    """True if ``reaction`` is a function of (t, q, v, lam); one that also takes (t, q, lam) is called with these three."""
     function = declared(system, "reaction")
     return (
         callable(function) and accepts(function, WITH_VELOCITY["reaction"]) and not accepts(function, SIGNATURES["reaction"])
@@ -260,25 +256,6 @@ def signature_of(system: System | NumpySystem, name: str) -> Signature:
     """Return the arguments and result shapes of the function ``name`` of ``system``; reactions may take v or not."""
     with_velocity = name in WITH_VELOCITY and reaction_takes_velocity(system)
     return WITH_VELOCITY[name] if with_velocity else SIGNATURES[name]
-
-
-def wrong_arguments(system: System | NumpySystem) -> str:
-    """Name the first function of ``system`` that cannot be called with the protocol's arguments; "" if all can."""
-    for name in SIGNATURES:
-        function, signature = declared(system, name), signature_of(system, name)
-        if callable(function) and not accepts(function, signature):
-            wanted, found = ", ".join(signature.arguments), inspect.signature(function)
-            return f"{name} must take the arguments ({wanted}), in this order; it is declared with {found}."
-    return ""
-
-
-def wrong_scales(problem: Problem) -> str:
-    """Name the scales of q or v whose shape does not fit the problem; "" if both fit."""
-    for name in ("q", "v"):
-        shape, wanted = np.shape(getattr(problem.scales, name)), problem.q0.shape
-        if shape not in ((), wanted):
-            return f"scales.{name} must be a number or have shape {wanted}, one number per coordinate; got {shape}."
-    return ""
 
 
 def checked_patterns(sparsity: Any) -> Mapping[str, Any]:
@@ -391,10 +368,8 @@ class Problem(Printed):
         return f"<Problem {self.name}: {self.q0.size} coordinates, t = {exact(t0)} to {exact(t1)} s{tags}>"
 
     def starting(self, t_span: tuple[float, float] | None = None, q0: Any = None, v0: Any = None) -> Problem:
-        """Return this problem over another interval or from another start; without arguments return the problem itself.
-
-        ``exact``, ``reference`` and ``minimal`` belong to the original motion and are dropped; the guesses of the
-        multipliers stay.
+        """Return this problem over another interval or from another start, without ``exact``, ``reference`` and
+        ``minimal``.
         """
         if t_span is None and q0 is None and v0 is None:
             return self

@@ -29,9 +29,7 @@ LATE, LATE_SECONDS = 0.1, 0.1  # overrun of a time budget (share of it, and [s])
 
 @dataclass
 class Clock:
-    """Wall-clock budget of one solve, counted from the user's call, with the time spent on imports, tracing and
-    compilation.
-    """
+    """Wall-clock budget of one solve, from the user's call on, with the time of imports, tracing and compilation."""
 
     limit: float | None = None  #: [s]
     started: float = field(default_factory=time.perf_counter)

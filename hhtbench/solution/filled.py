@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, Any, Self
 
 
 class Filled:
-    """Base of frozen dataclasses that are made from values already checked; fields may be computed when first read."""
+    """Base of frozen dataclasses made from checked values; fields may be computed when first read."""
 
     __slots__ = ("_read",)  # beside the fields in ``vars``
 
     @classmethod
     def of(cls, known: dict[str, Any]) -> Self:
-        """Make an object from ``known`` fields, ten times faster than by ``__init__``.
-
-        ``known["_read"](name)``, if given, computes a field that is not in ``known`` when it is first read.
+        """Make an object from ``known`` fields without ``__init__``; ``known["_read"](name)``, if any, computes others when
+        read.
         """
         made = cls.__new__(cls)
         object.__setattr__(made, "_read", known.pop("_read", None))

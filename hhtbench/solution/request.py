@@ -104,9 +104,7 @@ class StepPlan:
         return self.t0 + (self.t1 - self.t0) * ((index + 1) / self.count)
 
     def ahead(self, first: int, count: int) -> tuple[Vector, Vector]:
-        """Lengths and end times of up to ``count`` steps from step ``first`` on, as :meth:`length` and :meth:`end`, (k,)
-        each.
-        """
+        """Lengths and end times (k,) of up to ``count`` steps from step ``first``, as :meth:`length` and :meth:`end`."""
         last = min(first + count, self.count)
         if self.lengths is not None and self.ends is not None:
             lengths, ends = self.lengths[first:last].copy(), self.ends[first:last].copy()

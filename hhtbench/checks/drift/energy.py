@@ -62,9 +62,7 @@ def with_middles(states: States) -> States:
 
 
 def fed_by(t: Vector, times: Vector, power: Vector) -> Fed:
-    """Integrate ``power`` (2k - 1,) [W] over ``times`` with their midpoints, up to every ``t``, by Simpson's rule and a
-    spline.
-    """
+    """Integrate ``power`` (2k - 1,) [W] over ``times`` with midpoints, up to every ``t``, by Simpson's rule and a spline."""
     h, ends, middles = np.diff(times[::2]), power[::2], power[1::2]
     simpson = np.append(0.0, np.cumsum(h / 6 * (ends[:-1] + 4 * middles + ends[1:])))
     spline = CubicSpline(times[::2], ends).antiderivative()(times[::2]) if h.size > 1 else h.sum() * np.append(0.0, ends[1:])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,11 +21,11 @@ from hhtbench.protocol.system import (
     Problem,
     Signature,
     System,
-    accepts,
     checked_patterns,
     declared,
     signature_of,
 )
+from hhtbench.protocol.wrong_use import require_arguments
 
 MEASURED = ("energy", "power", "invariants")  # no solver uses them
 MEANING = {"m": "constraints", "p": "velocity constraints"}
@@ -128,11 +127,7 @@ def arguments_at_start(problem: Problem, name: str, sizes: dict[str, int | None]
 
 def _call(problem: Problem, name: str, sizes: dict[str, int | None]) -> Any:
     function = declared(problem.system, name)
-    signature = signature_of(problem.system, name)
-    if callable(function) and not accepts(function, signature):
-        raise TypeError(
-            f"it must take ({', '.join(signature.arguments)}); it is declared with {inspect.signature(function)}"
-        )
+    require_arguments(name, function, signature_of(problem.system, name))
     arguments = arguments_at_start(problem, name, sizes)
     return jax.eval_shape(function, *arguments) if isinstance(problem.system, System) else function(*arguments)
 

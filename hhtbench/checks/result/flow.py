@@ -113,7 +113,7 @@ class Equations:
         return np.concatenate([v, vdot])
 
     def _of_linear(self, t: float, q: Vector, v: Vector) -> Vector | None:
-        """Return vdot (n,) by a plain LU (ten times faster than the expert driver); None if the matrix is sparse or
+        """Return vdot (n,) by a plain LU, ten times faster than the expert driver; None if the matrix is sparse or
         singular.
         """
         size = self._n + sum(self._sizes)

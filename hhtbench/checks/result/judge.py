@@ -73,9 +73,7 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
 
 
 def _beside_jumps(problem: Problem, solution: Solution, jumps: Jumps) -> Solution:
-    """Return ``solution`` without rows and steps at a jump, where interpolants are on neither side; its ends are moved
-    beside it.
-    """
+    """Return ``solution`` without rows and steps at jumps, where interpolants are on neither side; its ends are moved."""
     if not jumps.times.size:
         return solution
     distance = SAME_TIME * abs(problem.t_span[1] - problem.t_span[0])
@@ -136,9 +134,7 @@ def _starts(solution: Solution, jumps: Jumps, size: Vector, draw: int) -> list[i
 
 
 def _outlying(rows: Solution | Ends, jumps: Jumps, size: Vector) -> list[int]:
-    """Return ``rows`` whose change to the next row is an outlier among those between the same jumps, and the last before
-    jumps.
-    """
+    """Return ``rows`` whose change to the next row is an outlier between the same jumps, and the last before jumps."""
     pieces = _pieces(rows.t, jumps)
     found = [piece.stop - 1 for piece in pieces if piece.stop < rows.t.size]
     for piece in pieces:

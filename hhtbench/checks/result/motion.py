@@ -84,9 +84,7 @@ class Follower:
     allowed: Vector  #: (2n,) the errors allowed of a step, of prescribed steps: of the first ones
 
     def follow(self, rows: Rows, multipliers: Multipliers | None = None) -> Window:
-        """Compare ``rows`` with the motion from the first of them; integrate disturbed motions too if they do not follow
-        it.
-        """
+        """Compare ``rows`` with the motion from the first; integrate disturbed motions too if they do not follow it."""
         t, y = rows.t, np.concatenate([rows.q, rows.v], axis=1)
         self.equations.begin(MAX_EVALUATIONS, multipliers)
         try:
@@ -172,9 +170,7 @@ class Follower:
         return Window(float(t[0]), float(t[worst]), off=off, bound=bound, seen=seen, blind=blind, unfinished=why)
 
     def _blind(self, error: Vector, left: Vector) -> float | None:
-        """Return the error of q or v over the distance ``left`` of the straight line if that is at least ``LEFT``; else
-        None.
-        """
+        """Return the error of q or v over the distance ``left`` of the straight line if that exceeds ``LEFT``, or None."""
         errors, distances = np.split(np.abs(error) / self.size, 2), np.split(np.abs(left) / self.size, 2)
         found = [float(np.max(e) / np.max(d)) for e, d in zip(errors, distances, strict=True) if np.max(d) >= LEFT]
         return max(found, default=None)
@@ -190,8 +186,8 @@ class Follower:
 
 
 def _along(motion: Flow, times: Vector, until: Callable[[int, Vector], bool] = lambda i, y: False) -> tuple[Matrix, str]:
-    """Return the states of ``motion`` at ``times`` (k, 2n), up to one for which ``until`` holds, and why there are fewer,
-    or "".
+    """Return the states of ``motion`` at ``times`` (k, 2n), up to one for which ``until`` holds, and why it ends early, or
+    "".
     """
     states: list[Vector] = []
     try:

@@ -133,9 +133,7 @@ def _shapes(problem: Problem, solution: Solution) -> str:
 
 
 def _finite(rows: Solution | Ends) -> str:
-    """Name the first of t, q, v that is not finite, or multiplier that is infinite (NaN is allowed in a Solution); "" if
-    none.
-    """
+    """Name the first of t, q, v that is not finite, or multiplier that is infinite (a Solution's may be NaN); "" if none."""
     for name in ("t", "q", "v", "lam", "mu"):
         value = getattr(rows, name, EMPTY)
         if all_finite(value):
