@@ -30,7 +30,7 @@ class Bob(System):
         return jnp.stack([jnp.zeros_like(self.m), -self.m * self.g])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]."""
+        """Kinetic and gravitational energy [J]."""
         return self.m * (v @ v) / 2 + self.m * self.g * q[1]
 
 

@@ -148,7 +148,7 @@ class SqueezingMechanism(System):
         )
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy, spring, and the potential ``-mom beta`` of the constant torque [J]."""
+        """Kinetic energy, spring, and the potential ``-mom beta`` of the constant torque [J]."""
         length = jnp.linalg.norm(self.spring_vector(q[2]))
         return v @ self.mass_matrix(t, q) @ v / 2 + self.c0 * (length - self.l0) ** 2 / 2 - self.mom * q[0]
 

@@ -49,7 +49,7 @@ class DrivenOnCircle(System):
         return jnp.stack([(q @ q - 1) / 2])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy."""
+        """Kinetic energy."""
         return (v @ v) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:

@@ -56,7 +56,7 @@ class BeadChain(System):
         return (jnp.sum(links**2, axis=1) - self.l**2) / 2
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 + self.g * jnp.sum(self.m * q[1::3])
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:

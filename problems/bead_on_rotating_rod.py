@@ -52,7 +52,7 @@ class BeadOnRod(System):
         return jnp.stack([q[1] * jnp.cos(self.Om * t) - q[0] * jnp.sin(self.Om * t)])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy [J]."""
+        """Kinetic energy [J]."""
         return self.m * (v @ v) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:

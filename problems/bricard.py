@@ -95,7 +95,7 @@ class Bricard(System):
         return jnp.concatenate([norm_rows(split(q)[1]), hinges])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy above P0 [J]."""
+        """Kinetic and gravitational energy above P0 [J]."""
         return energy_of_bodies(q, v, self.masses, self.inertia, self.gravity)
 
 

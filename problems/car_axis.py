@@ -84,7 +84,7 @@ class CarAxis(System):
         return jnp.stack([-(q[:2] @ self.base(t)), self.L**2 - chassis @ chassis])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy, springs and gravity [J]."""
+        """Kinetic energy, springs and gravity [J]."""
         stretch = jnp.sqrt(jnp.sum(self.springs(t, q) ** 2, axis=1)) - self.L0
         return (self.mass_matrix * (v @ v) + stretch @ stretch) / 2 + self.mass_matrix * self.grav * (q[1] + q[3])
 

@@ -59,7 +59,7 @@ class ChaplyginSleigh(System):
         return jnp.stack([-v[0] * jnp.sin(q[2]) + v[1] * jnp.cos(q[2]) - self.a * v[2]])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy [J]."""
+        """Kinetic energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:

@@ -64,7 +64,7 @@ class ClampedBar(System):
         return q[:1]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy and strain [J]."""
+        """Kinetic energy and strain [J]."""
         return v @ self.mass_matrix @ v / 2 + self.EA * self.n_elements / self.length * jnp.sum(jnp.diff(q) ** 2) / 2
 
 

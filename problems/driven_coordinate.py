@@ -52,7 +52,7 @@ class DrivenCoordinate(System):
         return q - self.A * jnp.sin(self.w * t)
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy [J]."""
+        """Kinetic energy [J]."""
         return self.m * (v @ v) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:

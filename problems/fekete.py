@@ -60,7 +60,7 @@ class RepellingPoints(System):
         return 1 - jnp.sum(q.reshape(-1, 3) ** 2, axis=1)
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy and repulsion [J]; every pair stands twice among the squares."""
+        """Kinetic energy and repulsion [J]; every pair stands twice among the squares."""
         return v @ v / 2 - jnp.sum(jnp.log(differences(q)[1])) / 4
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:

@@ -109,7 +109,7 @@ class FlyballGovernor(System):
         return jnp.concatenate([norm_rows(split(q)[1]), hinges, across, frame])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic, gravitational and spring energys [J]."""
+        """Kinetic, gravitational and spring energys [J]."""
         stretch = self.spring_lengths(q) - self.l0
         return energy_of_bodies(q, v, self.m, self.J, self.gravity) + self.K * stretch @ stretch / 2
 

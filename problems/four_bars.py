@@ -82,7 +82,7 @@ class FourBars(System):
         return jnp.concatenate(joints).ravel()
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 + self.m * self.g * jnp.sum(q[1::3])
 
 

@@ -52,7 +52,7 @@ class FputChain(System):
         return jnp.diff(d * (self.k + d * (self.alpha + d * self.beta)))
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy and springs [J]."""
+        """Kinetic energy and springs [J]."""
         d = jnp.diff(jnp.pad(q, 1))
         return self.m * jnp.sum(v**2) / 2 + jnp.sum(d**2 * (self.k / 2 + d * (self.alpha / 3 + d * self.beta / 4)))
 

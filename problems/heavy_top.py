@@ -65,7 +65,7 @@ class HeavyTop(System):
         return jnp.concatenate([norm_rows(q[3:])[None], q[:3] - self.l * rotation(q[3:])[:, 1]])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]."""
+        """Kinetic and gravitational energy [J]."""
         w = body_rate(q[3:], v[3:])
         return (self.m * v[:3] @ v[:3] + w @ (self.inertia * w)) / 2 + self.m * self.g * q[2]
 

@@ -50,7 +50,7 @@ class StiffPair(System):
         return q[1:2] - q[2:]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy and both springs [J]."""
+        """Kinetic energy and both springs [J]."""
         return (v @ v + self.stiffness * (q[0] - q[1]) ** 2 + q[2] ** 2) / 2
 
 

@@ -64,7 +64,7 @@ class Pendulum(System):
         return jnp.stack([y1 - self.L * jnp.cos(y3), y2 - self.L * jnp.sin(y3)])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy, gravity and spring [J]."""
+        """Kinetic energy, gravity and spring [J]."""
         kinetic = jnp.sum(self.mass_matrix * v**2) / 2
         return kinetic + self.m * self.g * q[1] + self.k * (q[2] - REST_ANGLE) ** 2 / 2
 

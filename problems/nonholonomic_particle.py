@@ -53,7 +53,7 @@ class NonholonomicParticle(System):
         return jnp.stack([q[1] * v[0] - v[2]])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy [J]."""
+        """Kinetic energy [J]."""
         return self.m * (v @ v) / 2
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:

@@ -49,7 +49,7 @@ class OscillatorChain(System):
         return self.k * jnp.diff(jnp.diff(jnp.pad(q, 1)))
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy and springs [J]."""
+        """Kinetic energy and springs [J]."""
         return (self.m * jnp.sum(v**2) + self.k * jnp.sum(jnp.diff(jnp.pad(q, 1)) ** 2)) / 2
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:

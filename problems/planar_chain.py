@@ -65,7 +65,7 @@ class PlanarChain(System):
         return (begins - jnp.pad(ends[:-1], ((1, 0), (0, 0)))).ravel()
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 + self.g * jnp.sum(self.m * q[1::3])
 
 

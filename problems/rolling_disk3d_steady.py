@@ -81,7 +81,7 @@ class RollingDisk(System):
         return velocity_at(q, v, [0], rho[None])[0, :2]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]; j0 does not contribute."""
+        """Kinetic and gravitational energy [J]; j0 does not contribute."""
         w = body_rate(q[3:], v[3:])
         return (self.m * v[:3] @ v[:3] + w @ (self.inertia * w)) / 2 + self.m * self.g * q[2]
 

@@ -58,7 +58,7 @@ class RollingDisk(System):
         return jnp.stack([v[0] - rolling * jnp.cos(q[2]), v[1] - rolling * jnp.sin(q[2])])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 - self.m * self.gs * q[0]
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:

@@ -70,7 +70,7 @@ class RollingSphere(System):
         return jnp.stack([v[0] - self.R * w[1] + self.Om * q[1], v[1] + self.R * w[0] - self.Om * q[0]])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy [J]."""
+        """Kinetic energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:

@@ -70,7 +70,7 @@ class SliderCrank(System):
         return self.l * jnp.stack([jnp.cos(a) + jnp.cos(b), jnp.sin(a) + jnp.sin(b)]) - jnp.stack([x, jnp.zeros_like(x)])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]."""
+        """Kinetic and gravitational energy [J]."""
         height = self.l * (3 * jnp.sin(q[0]) + jnp.sin(q[1])) / 2
         return v @ self.mass_matrix(t, q) @ v / 2 + self.m * self.g * height
 

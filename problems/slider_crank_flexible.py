@@ -126,7 +126,7 @@ class FlexibleSliderCrank(System):
         )
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and elastic energy [J]."""
+        """Kinetic and elastic energy [J]."""
         return (v @ self.mass_matrix(t, q) @ v + q[3:] @ self.stiffness @ q[3:]) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:

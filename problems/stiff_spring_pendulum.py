@@ -56,7 +56,7 @@ class RigidPendulum(System):
         return (jnp.stack([first @ first, second @ second]) - self.l**2) / 2
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic and gravitational energy [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 + self.g * (self.m @ q[1::2])
 
 
@@ -76,7 +76,7 @@ class SpringPendulum(RigidPendulum):
         return super().constraint(t, q)[1:]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic, gravitational and spring energy [J]."""
+        """Kinetic, gravitational and spring energy [J]."""
         length = jnp.sqrt(q[:2] @ q[:2])
         return super().energy(t, q, v) + self.k * (length - self.l[0]) ** 2 / 2
 

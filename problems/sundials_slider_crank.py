@@ -93,7 +93,7 @@ class SpringSliderCrank(System):
         return jnp.stack([q[1] - jnp.cos(q[2]) - self.a * jnp.cos(q[0]), -jnp.sin(q[2]) - self.a * jnp.sin(q[0])])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Energy: kinetic energy, spring, and ``-F (x + cos p)`` of the force [J]."""
+        """Kinetic energy, spring, and ``-F (x + cos p)`` of the force [J]."""
         stretch = self.spring_length(q) - self.l0
         return (jnp.sum(self.mass_matrix * v**2) + self.k * stretch**2) / 2 - self.F * (q[1] + jnp.cos(q[2]))
 

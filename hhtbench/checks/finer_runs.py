@@ -37,7 +37,7 @@ class FinerRuns:
     """Sequence of runs, each with a finer setting than the one before."""
 
     def __init__(self, problem: Problem, kind: str) -> None:
-        """``kind`` is "rtol" or "steps"."""
+        """Start without runs of ``problem``; ``kind`` states what is refined, "rtol" or "steps"."""
         self.problem, self.kind = problem, kind
         self.smooth = False  #: errors are a smooth function of the setting
         self.known = False  #: a solver of which it is known that it heeds its tolerances

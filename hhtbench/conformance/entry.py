@@ -119,7 +119,9 @@ class Entry:
     parameter: str = ""  #: parameter of a family, with its unit
 
     def cases(self, seed: int = 0) -> Iterator[tuple[Any, ...]]:
-        """Yield the arguments of :meth:`run` after the subject: none, a scene or part of a claim, or a cell of a family."""
+        """Yield the cases of the entry, as arguments of :meth:`run`: none, a scene or part of a claim, or a cell of a
+        family.
+        """
         if self.cells is not None:
             yield from ((cell,) for cell in self.cells(seed))
         else:

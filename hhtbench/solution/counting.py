@@ -160,7 +160,7 @@ class timed:
     """
 
     def __init__(self, limit: float | None, began: float | None = None) -> None:
-        """``limit`` [s] or None; ``began``: time of the user's call by ``time.perf_counter``, now if None."""
+        """Set the ``limit`` [s] or None, and when the call ``began`` by ``time.perf_counter`` (None: now)."""
         self._limit, self._began = limit, began
         self._token: Token[Clock | None] | None = None
 

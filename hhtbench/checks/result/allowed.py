@@ -41,7 +41,7 @@ class Missed:
     """
 
     def __init__(self, flow: Flow, interval: tuple[float, float], problem: Problem, request: Request, size: Vector) -> None:
-        """``flow`` along the ``interval`` [s], whose first ``STEPS_SEEN`` steps are measured; ``size`` (2n,) of y."""
+        """Measure the first ``STEPS_SEEN`` steps of ``flow`` along the ``interval`` [s]; ``size`` (2n,) scales y."""
         plan, (t, end) = plan_steps(request, *problem.t_span), interval
         if plan.count < STEPS_SEEN:
             raise NotJudged(f"{plan.count} steps are too few to tell how well they follow the motion")

@@ -141,7 +141,7 @@ class Flow:
     """
 
     def __init__(self, equations: Equations, t: float, y: Vector, end: float, rtol: float, size: Vector) -> None:
-        """``rtol`` is relative to the ``size`` (2n,) of y."""
+        """Start at (t, y) with the relative tolerance ``rtol``, scaled by the ``size`` (2n,) of y."""
         rtol = min(max(rtol, FINEST), COARSEST)
         self.equations, self.t, self._y, self._end, self._forward = equations, t, y, end, end > t
         self._tolerances: Any = {"rtol": rtol, "atol": rtol * size}
