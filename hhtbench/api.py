@@ -1,4 +1,4 @@
-"""One call from a problem and a request to a solution."""
+"""The function ``solve``: integrate a problem with a solver and check the result."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def solve(
     v0: Any = None,
     **request: Any,
 ) -> Solution:
-    """Integrate ``problem`` with ``solver``.
+    """Integrate ``problem`` with ``solver`` and check the result.
 
-    Every success is checked before it is believed, whoever wrote the solver: shapes, times, counters, constraints.  Whether
-    it obeys the equations of motion between its rows, ``solution.verify()`` finds out, as campaigns do.
+    Every success is checked, whoever wrote the solver: shapes, times, counters, constraints.  ``solution.verify()`` checks
+    also that the equations of motion hold between the rows, as campaigns do.
 
     Parameters
     ----------
@@ -40,14 +40,14 @@ def solve(
     solver
         A solver or a spec such as ``hht(alpha=-0.1)``.
     accuracy
-        Largest error of q and v, scaled by the problem's scales, at the output times: the solver is run until finer runs
-        show that it is kept (:func:`hhtbench.checks.accuracy.solve_to`).  None: one run with the requested tolerances or
-        steps.
+        Largest error of q and v, scaled by the problem's scales, at the output times: the solver is repeated with finer
+        settings until they show that it is met (:func:`hhtbench.checks.accuracy.solve_to`).  None: one run with the
+        requested tolerances or steps.
     events
-        :class:`hhtbench.Event` or callables ``(t, q, v)``, one or a list, for solvers that have events (HHT and what shares
-        its loop; others decline).
+        :class:`hhtbench.Event` or callables ``(t, q, v)``, one or a list, for solvers that have events (HHT and the solvers
+        that share its loop; others decline).
     t_span, q0, v0
-        Another interval or start than the problem's; its references and closed solution belong to its own.
+        Replace the problem's interval or start; its reference and closed solution are then not used.
     request
         Fields of :class:`~hhtbench.Request`: ``rtol, atol, step, steps, t_eval, max_seconds, ...``; with neither
         tolerances nor steps ``rtol = 1e-4``, which the message says.  ``steps=solution`` takes the steps of an earlier
@@ -68,7 +68,7 @@ def solve(
     asked, note = make_request(("accuracy", "events", "t_span", "q0", "v0"), **request), ""
     if accuracy is None:
         asked, note = with_tolerance(asked)
-    clock = Clock(asked.max_seconds, began)  # it runs while problem and solver are imported, which nothing else can end
+    clock = Clock(asked.max_seconds, began)  # imports count too: nothing interrupts them
     loaded, chosen = load_problem(problem).starting(t_span, q0, v0), load_solver(solver)
     clock.note_preparation("importing problem and solver", time.perf_counter() - began)
     if asked.t_eval is not None:
@@ -76,6 +76,9 @@ def solve(
     if events is not None:
         if not hasattr(chosen, "with_events"):
             return _nothing(loaded, Status.declined, f"{chosen.name} has no events; hht has.")
+        from hhtbench.protocol.wrong_use import require_events
+
+        require_events(events)
         chosen = chosen.with_events(events)
     with handed_over(clock):
         try:
@@ -94,11 +97,17 @@ def solve(
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:
-    """One run, declined or checked; ``unreliable`` where it cannot be the success that it reports."""
+    """Run the solver once: declined, or checked and set to ``unreliable`` if the reported success fails the check."""
     reason = solver.accepts(problem, request)
     if reason is not None:
         return _nothing(problem, Status.declined, reason)
-    found = solver.solve(problem, request)
+    try:
+        found = solver.solve(problem, request)
+    except (TypeError, ValueError) as error:
+        from hhtbench.protocol.wrong_use import raise_wrong_use
+
+        raise_wrong_use(problem, error)
+        raise
     try:
         doubt = check_success(problem, request, found, clock)
     except BaseException as error:
@@ -111,21 +120,21 @@ def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> S
 
 
 def _judged(problem: Problem, request: Request, solution: Solution, **options: Any) -> Any:
-    """What ``solution.verify()`` asks for; imported when it does."""
+    """Check ``solution``; called by ``solution.verify()`` and imported only then."""
     from hhtbench.checks.result.judge import judge
 
     return judge(problem, request, solution, **options)
 
 
 def _drifted(problem: Problem, solution: Solution) -> Any:
-    """What ``solution.drift()`` asks for, likewise."""
+    """Measure the drift of ``solution``; called by ``solution.drift()`` and imported only then."""
     from hhtbench.checks.drift import measure_drift
 
     return measure_drift(problem, solution)
 
 
 def _nothing(problem: Problem, status: Status, message: str) -> Solution:
-    """A solution without rows; no function of the system is called for it."""
+    """Return a Solution without rows, with ``status`` and ``message``; calls no function of the system."""
     n = problem.q0.size
     m, p = (np.size(guess) if guess is not None else 0 for guess in (problem.lam_guess, problem.mu_guess))
     q, v, lam, mu = (np.empty((0, width)) for width in (n, n, m, p))

@@ -1,4 +1,4 @@
-"""What the problem files share: range checks of parameters, stored reference values, minimal coordinates."""
+"""Helpers of the problem files: range checks of parameters, stored reference values, minimal coordinates."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ REFERENCES = Path(__file__).with_name("references")
 def checked(
     name: str, value: Any, *, above: float = -np.inf, at_least: float = -np.inf, below: float = np.inf, unit: str
 ) -> float:
-    """``value`` as a float inside the stated range.
+    """Return ``value`` as a float if it lies in the stated range.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def checked(
 
 
 def load_reference(name: str, t_end: float) -> dict[str, Any] | None:
-    """The rows of ``references/<name>.json`` up to ``t_end`` [s], or None where there is none.
+    """Read the rows of ``references/<name>.json`` up to ``t_end`` [s]; None if there are none.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def load_reference(name: str, t_end: float) -> dict[str, Any] | None:
 
 
 def minimal(name: str, *parameters: Any) -> Callable[[], MinimalCoordinates]:
-    """The function ``name`` of :mod:`problems._minimal` with its ``parameters``; imported where it is called."""
+    """Return a function that calls ``name`` of :mod:`problems._minimal` with ``parameters``; it imports the module."""
     return functools.partial(_minimal, name, parameters)
 
 

@@ -1,7 +1,4 @@
-"""Problems in minimal coordinates: as many as a mechanism has freedoms, and where they lie in the problem's own.
-
-Mechanisms are mass points moved by minimal coordinates s; nothing of the declared systems is used.
-"""
+"""Minimal coordinates of the problems: as many as degrees of freedom, with the map to the problem's own coordinates."""
 
 from __future__ import annotations
 
@@ -21,7 +18,7 @@ ROD = np.array([1.0, 4.0, 1.0]) / 6  # a uniform rod moves like these shares of 
 
 @dataclass(frozen=True, eq=False)
 class Minimal:
-    """A mechanism as mass points moved by minimal coordinates s: nothing of the declared system is used."""
+    """A mechanism as mass points moved by minimal coordinates s; independent of the functions of the problem's System."""
 
     embed: Any  #: s -> q
     points: Any  #: s -> (P, d) [m]
@@ -30,7 +27,7 @@ class Minimal:
     spring: Any = lambda s: 0.0  #: s -> potential [J]
 
     def accelerations(self, s: Any, u: Any) -> Any:
-        """s'' by Lagrange's equations."""
+        """Accelerations s'' from Lagrange's equations."""
         rows = jax.jacfwd(self.points)(s)
         bias = second_along(self.points, s, u)
         mass = jnp.einsum("pdi,p,pdj->ij", rows, self.masses, rows)
@@ -40,27 +37,27 @@ class Minimal:
 
 
 def second_along(f: Any, s: Any, u: Any) -> Any:
-    """The second derivative of ``f`` along ``u``."""
+    """Second directional derivative of ``f`` at ``s`` along ``u``."""
     return jax.jvp(lambda x: jax.jvp(f, (x,), (u,))[1], (s,), (u,))[1]
 
 
 def direction(angle: Any) -> Any:
-    """Unit vectors, (k, 2)."""
+    """Unit vectors (k, 2) at the angles ``angle`` (k,) [rad]."""
     return jnp.stack([jnp.cos(angle), jnp.sin(angle)], axis=-1)
 
 
 def on_rods(begins: Any, ends: Any) -> Any:
-    """The points that stand for uniform rods."""
+    """Positions of the mass points that are equivalent to uniform rods from ``begins`` to ``ends``."""
     return jnp.concatenate([begins, (begins + ends) / 2, ends])
 
 
 def rod_masses(masses: Any) -> Any:
-    """Masses of these points [kg]."""
+    """Masses [kg] of the mass points that are equivalent to uniform rods."""
     return jnp.outer(ROD, jnp.asarray(masses)).ravel()
 
 
 def planar_chain(n: int, m: float, L: float, g: float) -> Minimal:
-    """s: angles of the rods [rad]."""
+    """Planar chain in the angles s of its rods [rad]."""
 
     def ends(s: Any) -> Any:
         return jnp.cumsum(L / n * direction(s), axis=0)
@@ -73,7 +70,7 @@ def planar_chain(n: int, m: float, L: float, g: float) -> Minimal:
 
 
 def bead_chain(n: int, m: float, L: float, g: float) -> Minimal:
-    """s: elevations, then azimuths of the links."""
+    """Bead chain in the elevations, then azimuths of its links."""
 
     def beads(s: Any) -> Any:
         up, around = s[:n], s[n:]
@@ -84,7 +81,7 @@ def bead_chain(n: int, m: float, L: float, g: float) -> Minimal:
 
 
 def stiff_spring_pendulum(k: float, m: Any, l: Any, g: float) -> Minimal:  # noqa: E741
-    """s: both angles, and the length of the spring where there is one."""
+    """Stiff spring pendulum in both angles and, with a spring, its length."""
 
     def points(s: Any) -> Any:
         first = (l[0] if k == math.inf else s[2]) * direction(s[0])
@@ -95,7 +92,7 @@ def stiff_spring_pendulum(k: float, m: Any, l: Any, g: float) -> Minimal:  # noq
 
 
 def slider_crank(m: float, m_slider: float, l: float, g: float) -> Minimal:  # noqa: E741
-    """s: the crank's angle [rad]."""
+    """Slider crank in the angle of its crank [rad]."""
 
     def points(s: Any) -> Any:
         joint, slider = l * direction(s), 2 * l * direction(s) * jnp.array([1.0, 0.0])
@@ -106,7 +103,7 @@ def slider_crank(m: float, m_slider: float, l: float, g: float) -> Minimal:  # n
 
 
 def four_bars(n: int, m: float, l: float, g: float) -> Minimal:  # noqa: E741
-    """s: the cranks' angle from upright [rad]."""
+    """Four-bar windows in the angle of the cranks from upright [rad]."""
     ground = l * jnp.column_stack([jnp.arange(n + 1.0), jnp.zeros(n + 1)])
 
     def bars(s: Any) -> Any:
@@ -122,7 +119,7 @@ def four_bars(n: int, m: float, l: float, g: float) -> Minimal:  # noqa: E741
 
 @dataclass(frozen=True, eq=False)
 class PaperPendulum:
-    """The paper's pendulum by its angle from the x axis [rad]."""
+    """The pendulum of Jay and Negrut in its angle from the x axis [rad]."""
 
     m: float
     L: float
@@ -131,32 +128,32 @@ class PaperPendulum:
     g: float
 
     def embed(self, s: Any) -> Any:
-        """Centre of mass and angle."""
+        """Coordinates (x, y, angle) of the problem from the angle."""
         return jnp.stack([self.L * jnp.cos(s[0]), self.L * jnp.sin(s[0]), s[0]])
 
     def accelerations(self, s: Any, u: Any) -> Any:
-        """From the moments about the pivot."""
+        """Angular acceleration from the moments about the pivot."""
         moment = self.c * u + self.k * (s - 1.5 * math.pi) + self.m * self.g * self.L * jnp.cos(s)
         return -moment / (4 * self.m * self.L**2 / 3)
 
 
 class Free(System):
-    """``s'' = accelerations(s, s')``: no constraints, unit mass."""
+    """Unconstrained system ``s'' = accelerations(s, s')`` with unit mass."""
 
     mechanism: Any = eqx.field(static=True)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Accelerations, at unit mass."""
+        """Accelerations, which are forces at unit mass."""
         return self.mechanism.accelerations(q, v)
 
 
 def coordinates(mechanism: Any, s0: Any, u0: Any) -> MinimalCoordinates:
-    """``mechanism`` from the start ``s0``, ``u0``."""
+    """MinimalCoordinates of ``mechanism`` with the start ``s0``, ``u0``."""
     return MinimalCoordinates(system=Free(mechanism=mechanism), embed=mechanism.embed, s0=s0, u0=u0)
 
 
 def hanging_point(m: float, L: float, g: float, amplitude: float) -> MinimalCoordinates:
-    """A point on a rod, let go at rest ``amplitude`` [rad] from hanging."""
+    """Point on a rod, released at rest ``amplitude`` [rad] from hanging."""
 
     def place(s: Any) -> Any:
         return L * direction(s)
@@ -166,31 +163,31 @@ def hanging_point(m: float, L: float, g: float, amplitude: float) -> MinimalCoor
 
 
 def paper_pendulum(values: dict[str, float], angle: float, rate: float) -> MinimalCoordinates:
-    """With the parameters ``m, L, k, c, g``, from its angle [rad] and rate [rad/s]."""
+    """Pendulum of Jay and Negrut with parameters ``m, L, k, c, g``, started at ``angle`` [rad] with ``rate`` [rad/s]."""
     return coordinates(PaperPendulum(**values), [angle], [rate])
 
 
 def level_chain(n: int, m: float, L: float, g: float) -> MinimalCoordinates:
-    """Rods from rest along the x axis."""
+    """Planar chain started at rest along the x axis."""
     return coordinates(planar_chain(n, m, L, g), np.zeros(n), np.zeros(n))
 
 
 def level_beads(n: int, m: float, L: float, g: float, w: float) -> MinimalCoordinates:
-    """Beads along the x axis, the last one moving along z with ``w`` [m/s]."""
+    """Bead chain started along the x axis, the last bead moving along z with ``w`` [m/s]."""
     return coordinates(bead_chain(n, m, L, g), np.zeros(2 * n), np.append(np.zeros(n), np.full(n, w / L)))
 
 
 def level_spring(k: float, m: Any, l: Any, g: float) -> MinimalCoordinates:  # noqa: E741
-    """Both points on the x axis at rest."""
+    """Stiff spring pendulum started at rest with both points on the x axis."""
     s0 = [0.0, 0.0] if k == math.inf else [0.0, 0.0, l[0]]
     return coordinates(stiff_spring_pendulum(k, m, l, g), s0, np.zeros(len(s0)))
 
 
 def turning_crank(m: float, m_slider: float, l: float, g: float, angle: float, rate: float) -> MinimalCoordinates:  # noqa: E741
-    """From its angle [rad] and rate [rad/s]."""
+    """Slider crank started at the crank angle ``angle`` [rad] with ``rate`` [rad/s]."""
     return coordinates(slider_crank(m, m_slider, l, g), [angle], [rate])
 
 
 def upright_bars(n: int, m: float, l: float, g: float, speed: float) -> MinimalCoordinates:  # noqa: E741
-    """Upright, B0 moving along x with ``speed`` [m/s]."""
+    """Four-bar windows started upright with B0 moving along x with ``speed`` [m/s]."""
     return coordinates(four_bars(n, m, l, g), [0.0], [speed / l])

@@ -1,4 +1,4 @@
-"""What the pendulum problems share: mass and weight, the free swing by Jacobi elliptic functions, the drawing."""
+"""Helpers of the pendulum problems: mass and weight, the free swing by Jacobi elliptic functions, the drawing."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hhtbench.protocol.system import Motion, System, parameter
 
 
 class Bob(System):
-    """``q = (x, y)``; a mass point under its weight, whose constraint the problem adds."""
+    """Mass point ``q = (x, y)`` under its weight; subclasses add the constraint."""
 
     m: Array = parameter(1.0, doc="mass [kg]")
     L: Array = parameter(1.0, doc="length of the rod [m]")
@@ -22,28 +22,28 @@ class Bob(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Scalar [kg]."""
+        """Mass matrix: scalar [kg]."""
         return self.m
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (2,) [N]."""
+        """Applied force: weight, (2,) [N]."""
         return jnp.stack([jnp.zeros_like(self.m), -self.m * self.g])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         return self.m * (v @ v) / 2 + self.m * self.g * q[1]
 
 
 def quarter(amplitude: float) -> float:
-    """Complete elliptic integral K of the modulus ``k = sin(amplitude / 2)``: the swing's period is ``4 K sqrt(L / g)``."""
+    """Complete elliptic integral K of the modulus ``k = sin(amplitude / 2)``; the period is ``4 K sqrt(L / g)``."""
     return float(ellipkm1(math.cos(amplitude / 2) ** 2))
 
 
 def swing(amplitude: float, period: float, t: float) -> tuple[float, float]:
-    """Angle from hanging [rad] and rate [rad/s] at ``t`` of a pendulum let go at ``amplitude``.
+    """Angle from hanging [rad] and rate [rad/s] at ``t`` of a pendulum released at ``amplitude``.
 
-    ``sin(angle / 2) = k cd(w t)`` with ``w = 4 K / period``.  Time is reduced by the period first: whole periods then cost
-    no digits, however many they are.
+    ``sin(angle / 2) = k cd(w t)`` with ``w = 4 K / period``.  Time is reduced modulo the period first, so that no digits
+    are lost over many periods.
     """
     k, k1 = math.sin(amplitude / 2), math.cos(amplitude / 2)
     w = 4 * quarter(amplitude) / period
@@ -52,7 +52,7 @@ def swing(amplitude: float, period: float, t: float) -> tuple[float, float]:
 
 
 def swinging_point(m: float, L: float, g: float, amplitude: float, period: float, t: float) -> tuple[Motion, float]:
-    """Motion ``q = (x, y)`` of the bob, without multipliers, and the pull of the rod [N]."""
+    """Motion ``q = (x, y)`` of the bob, without multipliers, and the tension of the rod [N]."""
     angle, rate = swing(amplitude, period, t)
     sin, cos = math.sin(angle), math.cos(angle)
     motion = Motion(
@@ -72,7 +72,7 @@ def pendulum_lines(pivot: Vector, bob: Vector, size: float) -> Vector:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """Pivot and bob as ``points`` (2, 2), rod, support and bob as ``lines`` (22, 2, 2) [m]."""
+    """Drawing at ``q``: pivot and bob as ``points`` (2, 2), rod, support and bob as ``lines`` (22, 2, 2) [m]."""
     bob = np.asarray(q, dtype=float)
     lines = pendulum_lines(np.zeros(2), bob, 0.08 * float(np.linalg.norm(bob)))
     return {"points": np.array([np.zeros(2), bob]), "lines": lines}

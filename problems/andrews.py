@@ -88,7 +88,7 @@ class SqueezingMechanism(System):
     fa: Array = parameter(0.01421, doc="body 6: P to centre of mass [m]")
 
     def mass_matrix(self, t: Array, q: Array) -> Array:
-        """(7, 7) [kg m^2]: full 2x2 blocks for the pairs (1, 2), (4, 5), (6, 7), and M33."""
+        """Mass matrix: (7, 7) [kg m^2]: full 2x2 blocks for the pairs (1, 2), (4, 5), (6, 7), and M33."""
         m, I = self.m, self.I  # noqa: E741
         _, T, _, P, _, O, _ = q  # noqa: E741
         e, f = self.e - self.ea, self.zf - self.fa
@@ -108,7 +108,7 @@ class SqueezingMechanism(System):
         return jnp.zeros((7, 7)).at[rows, columns].set(entries)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Drive torque, spring and the terms quadratic in v, (7,) [N m]."""
+        """Applied force: drive torque, spring and the terms quadratic in v, (7,) [N m]."""
         _, T, g, P, _, O, _ = q  # noqa: E741
         vb, vT, _, vP, vd, vO, ve = v
         arm = self.spring_arm(g)
@@ -131,7 +131,7 @@ class SqueezingMechanism(System):
         )
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Three loops, (6,) [m]."""
+        """Position constraints: three loops, (6,) [m]."""
         b, T, g, P, d, O, e = q  # noqa: E741
         x = self.rr * jnp.cos(b) - self.d * jnp.cos(b + T)
         y = self.rr * jnp.sin(b) - self.d * jnp.sin(b + T)
@@ -153,23 +153,23 @@ class SqueezingMechanism(System):
         return v @ self.mass_matrix(t, q) @ v / 2 + self.c0 * (length - self.l0) ** 2 / 2 - self.mom * q[0]
 
     def spring_arm(self, g: Array) -> Array:
-        """From B to D, (2,) [m]; ``g`` is the angle gamma."""
+        """Vector from B to D (2,) [m]; ``g`` is the angle gamma."""
         cos, sin = jnp.cos(g), jnp.sin(g)
         return jnp.stack([self.sd * cos + self.sc * sin, self.sd * sin - self.sc * cos])
 
     def spring_vector(self, g: Array) -> Array:
-        """From C to D, (2,) [m]."""
+        """Vector from C to D (2,) [m]; ``g`` is the angle gamma."""
         return self.spring_arm(g) + self.B - self.C
 
 
 @functools.cache
 def published_mechanism() -> SqueezingMechanism:
-    """The mechanism with the source's lengths; made once."""
+    """Return the mechanism with the source's lengths, made once."""
     return SqueezingMechanism()
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """Joints as ``points`` (9, 2), bars, the spring and the supports as ``lines`` (57, 2, 2) [m]."""
+    """Drawing at ``q``: joints as ``points`` (9, 2), bars, the spring and the supports as ``lines`` (57, 2, 2) [m]."""
     s = published_mechanism()
     A, B, C = np.asarray(s.A), np.asarray(s.B), np.asarray(s.C)
     b, _, g, _, d, _, e = np.asarray(q)
@@ -191,7 +191,7 @@ def spring_length(t: float, q: Vector, v: Vector, lam: Vector) -> float:
 
 
 def problem(*, mom: float = 0.033, c0: float = 4530.0, l0: float = 0.07785, t_end: float = 0.03) -> Problem:
-    """The mechanism from rest over [0, ``t_end``] [s]: 0.03 in the Test Set, 0.05 in the IFToMM library.
+    """Make the problem: the mechanism from rest over [0, ``t_end``] [s]: 0.03 in the Test Set, 0.05 in the IFToMM library.
 
     The lengths are not offered here: another length needs another consistent start.
 

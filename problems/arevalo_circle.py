@@ -41,11 +41,11 @@ class DrivenOnCircle(System):
     c: Array = parameter(2.0, doc="push, the angular acceleration [1]")
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Push along the circle, (2,)."""
+        """Applied force: push along the circle, (2,)."""
         return self.c * jnp.stack([q[1], -q[0]])
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Distance from the centre, (1,)."""
+        """Position constraints: distance from the centre, (1,)."""
         return jnp.stack([(q @ q - 1) / 2])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -53,7 +53,7 @@ class DrivenOnCircle(System):
         return (v @ v) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """Of the push."""
+        """Power of the push."""
         return self.force(t, q, v) @ v
 
 
@@ -65,7 +65,7 @@ def exact(c: float, t: float) -> Motion:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """The point as ``points`` (1, 2), the circle and a spoke to the point as ``lines`` (49, 2, 2)."""
+    """Drawing at ``q``: the point as ``points`` (1, 2), the circle and a spoke to the point as ``lines`` (49, 2, 2)."""
     turn = np.linspace(0.0, 2 * math.pi, 49)
     circle = np.column_stack([np.cos(turn), np.sin(turn)])
     spoke = np.array([[np.zeros(2), q]])
@@ -78,7 +78,7 @@ def speed(t: float, q: Vector, v: Vector, lam: Vector) -> float:
 
 
 def problem(*, c: float = 2.0, t_start: float = 1.0, t_end: float = 5.0) -> Problem:
-    """The point over [``t_start``, ``t_end``], turning at the rate ``c t``.
+    """Make the problem: the point over [``t_start``, ``t_end``], turning at the rate ``c t``.
 
     Parameters
     ----------

@@ -43,24 +43,24 @@ class BeadChain(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (3 N,) [kg]."""
+        """Mass matrix: diagonal (3 N,) [kg]."""
         return jnp.repeat(self.m, 3)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (3 N,) [N]."""
+        """Applied force: weight, (3 N,) [N]."""
         return jnp.outer(-self.m * self.g, jnp.array([0.0, 1.0, 0.0])).ravel()
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Lengths of the links, (N,) [m^2]."""
+        """Position constraints: lengths of the links, (N,) [m^2]."""
         links = jnp.diff(jnp.pad(q.reshape(-1, 3), ((1, 0), (0, 0))), axis=0)
         return (jnp.sum(links**2, axis=1) - self.l**2) / 2
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 + self.g * jnp.sum(self.m * q[1::3])
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Moment of momentum about the vertical through the pin [kg m^2/s]."""
+        """Invariants: angular momentum about the vertical through the pin [kg m^2/s]."""
         return {"vertical_moment_of_momentum": jnp.sum(self.m * (q[2::3] * v[0::3] - q[0::3] * v[2::3]))}
 
 
@@ -75,7 +75,9 @@ def tip_velocity(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
 
 
 def sketch(q: Vector) -> dict[str, Any]:
-    """Pin and beads as ``points`` (N + 1, 3), links and a plate around the pin as ``lines`` (N + 4, 2, 3) [m]; y up."""
+    """Drawing at ``q``: pin and beads as ``points`` (N + 1, 3), links and a plate around the pin as ``lines`` (N + 4, 2, 3)
+    [m]; y up.
+    """
     points = np.vstack([np.zeros((1, 3)), np.asarray(q).reshape(-1, 3)])
     plate = outline(0.4 * np.linalg.norm(points[1]) * np.array([(-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1)]))
     return {"points": points, "lines": np.concatenate([chain(points), plate]), "up": 1}
@@ -84,7 +86,7 @@ def sketch(q: Vector) -> dict[str, Any]:
 def problem(
     *, n_beads: int = 4, m: float = 1.0, L: float = 1.0, g: float = 9.81, w: float = 0.5, t_end: float = 1.0
 ) -> Problem:
-    """N equal beads on the x axis, moving sideways, over [0, ``t_end``] [s].
+    """Make the problem: N equal beads on the x axis, moving sideways, over [0, ``t_end``] [s].
 
     Parameters
     ----------

@@ -40,15 +40,15 @@ class BeadOnRod(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Scalar [kg]."""
+        """Mass matrix: scalar [kg]."""
         return self.m
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """None, (2,) [N]."""
+        """Applied force: none, (2,) [N]."""
         return jnp.zeros_like(q)
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Distance from the rod's line, (1,) [m]."""
+        """Position constraints: distance from the rod's line, (1,) [m]."""
         return jnp.stack([q[1] * jnp.cos(self.Om * t) - q[0] * jnp.sin(self.Om * t)])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -56,11 +56,11 @@ class BeadOnRod(System):
         return self.m * (v @ v) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """Of the moment that turns the rod [W]: ``lam g_t``."""
+        """Power of the moment that turns the rod [W]: ``lam g_t``."""
         return -lam[0] * self.Om * (q[1] * jnp.sin(self.Om * t) + q[0] * jnp.cos(self.Om * t))
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Jacobi's integral [J]: energy less Om times angular momentum."""
+        """Invariants: Jacobi's integral [J]: energy less Om times angular momentum."""
         return {"jacobi_integral": self.m * (v @ v) / 2 - self.Om * self.m * (q[0] * v[1] - q[1] * v[0])}
 
 
@@ -79,7 +79,7 @@ def radius(t: float, q: Vector, v: Vector, lam: Vector) -> float:
 
 
 def sketch(reach: float, q: Vector) -> dict[str, Vector]:
-    """Pivot and bead as ``points`` (2, 2), the rod, the bead and the support as ``lines`` (26, 2, 2) [m].
+    """Drawing at ``q``: pivot and bead as ``points`` (2, 2), the rod, the bead and the support as ``lines`` (26, 2, 2) [m].
 
     ``reach``: length of the rod [m].
     """
@@ -93,7 +93,7 @@ def sketch(reach: float, q: Vector) -> dict[str, Vector]:
 
 
 def problem(*, m: float = 2.0, Om: float = 3.0, r0: float = 0.5, u0: float = 0.0, t_end: float = 1.0) -> Problem:
-    """The bead over [0, ``t_end``] [s]; the rod lies along x at the start.
+    """Make the problem: the bead over [0, ``t_end``] [s]; the rod lies along x at the start.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class Bricard(System):
 
     @property
     def masses(self) -> Array:
-        """(5,) [kg]."""
+        """Masses of the rods (5,) [kg]."""
         return jnp.full(5, self.m)
 
     @property
@@ -77,42 +77,44 @@ class Bricard(System):
 
     @property
     def gravity(self) -> Array:
-        """(3,) [m/s^2]."""
+        """Gravity vector (3,) [m/s^2]."""
         return -self.g * jnp.asarray(Y)
 
     def mass_matrix(self, t: Array, q: Array) -> Array:
-        """(35, 35), a block for each rod."""
+        """Mass matrix: (35, 35), a block for each rod."""
         return mass_of_bodies(q, self.masses, self.inertia, jnp.full(5, self.j0))
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight and the terms quadratic in p', (35,)."""
+        """Applied force: weight and the terms quadratic in p', (35,)."""
         return force_on_bodies(q, v, self.masses, self.inertia, self.gravity)
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Norms and hinges, (35,), one row of which depends on the others."""
+        """Position constraints: norms and hinges, (35,), one row of which depends on the others."""
         a, b = self.L * END_OF_FIRST, self.L * BEGIN_OF_SECOND
         hinges = revolute_rows(placed_with_ground(q), FIRST, SECOND, a, b, ACROSS, AXIS)
         return jnp.concatenate([norm_rows(split(q)[1]), hinges])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height above P0 [J]."""
+        """Kinetic and gravitational energy above P0 [J]."""
         return energy_of_bodies(q, v, self.masses, self.inertia, self.gravity)
 
 
 def joints(L: float, q: Vector) -> Vector:
-    """P0 ... P5 (6, 3) [m]."""
+    """Positions of the hinges P0 ... P5 (6, 3) [m]."""
     x, p = map(np.asarray, split(q))
     ends = x + L / 2 * np.einsum("kij,kj->ki", np.asarray(rotation(p)), ALONG)
     return np.concatenate([[0 * X], ends])
 
 
 def middle(L: float, t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
-    """P2 (3,) [m]: P3 in the source."""
+    """Position of the hinge P2 (3,) [m], P3 in the source."""
     return joints(L, q)[2]
 
 
 def sketch(L: float, q: Vector) -> dict[str, Any]:
-    """Hinges as ``points`` (6, 3); rods, ground from P5 to P0, axes of the hinges as ``lines`` (12, 2, 3) [m]; y up."""
+    """Drawing at ``q``: hinges as ``points`` (6, 3); rods, ground from P5 to P0, axes of the hinges as ``lines`` (12, 2, 3)
+    [m]; y up.
+    """
     points = joints(L, q)
     frames = np.concatenate([np.asarray(rotation(split(q)[1])), np.eye(3)[None]])
     axes = 0.1 * L * np.einsum("kij,kj->ki", frames, AXIS)
@@ -121,7 +123,7 @@ def sketch(L: float, q: Vector) -> dict[str, Any]:
 
 
 def problem(*, m: float = 1.0, L: float = 1.0, a: float = 0.1, g: float = 9.81, t_end: float = 10.0) -> Problem:
-    """The loop from rest on the edges of a cube over [0, ``t_end``] [s].
+    """Make the problem: the loop from rest on the edges of a cube over [0, ``t_end``] [s].
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class CarAxis(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """K, scalar [kg]."""
+        """Mass matrix: scalar K = M eps^2 / 2 [kg]."""
         return self.M * self.eps**2 / 2
 
     def base(self, t: Array) -> Array:
@@ -58,33 +58,33 @@ class CarAxis(System):
         return jnp.stack([jnp.sqrt(self.L**2 - y**2), y])
 
     def base_rate(self, t: Array) -> Array:
-        """Its velocity, (2,) [m/s]."""
+        """Velocity of the right end of the axle, (2,) [m/s]."""
         x, y = self.base(t)
         rise = self.r * self.w * jnp.cos(self.w * t)
         return jnp.stack([-y * rise / x, rise])
 
     def springs(self, t: Array, q: Array) -> Array:
-        """From the axle to the chassis, left and right, (2, 2) [m]."""
+        """Vectors of the left and right spring from the axle to the chassis, (2, 2) [m]."""
         return q.reshape(2, 2) - jnp.stack([jnp.zeros(2), self.base(t)])
 
     def spring_forces(self, t: Array, q: Array) -> Array:
-        """On the chassis, left and right, (2, 2) [N]."""
+        """Forces of the left and right spring on the chassis, (2, 2) [N]."""
         springs = self.springs(t, q)
         length = jnp.sqrt(jnp.sum(springs**2, axis=1, keepdims=True))
         return (self.L0 - length) / length * springs
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Springs and weight, (4,) [N]."""
+        """Applied force: springs and weight, (4,) [N]."""
         weight = self.mass_matrix * self.grav
         return (self.spring_forces(t, q) - weight * jnp.array([0.0, 1.0])).ravel()
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Left spring across the axle, length of the chassis, (2,) [m^2]."""
+        """Position constraints: left spring across the axle, length of the chassis, (2,) [m^2]."""
         chassis = q[:2] - q[2:]
         return jnp.stack([-(q[:2] @ self.base(t)), self.L**2 - chassis @ chassis])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy, springs and height [J]."""
+        """Kinetic energy, springs and gravity [J]."""
         stretch = jnp.sqrt(jnp.sum(self.springs(t, q) ** 2, axis=1)) - self.L0
         return (self.mass_matrix * (v @ v) + stretch @ stretch) / 2 + self.mass_matrix * self.grav * (q[1] + q[3])
 
@@ -100,7 +100,8 @@ def tilt(t: float, q: Vector, v: Vector, lam: Vector) -> float:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """Wheels and chassis ends as ``points`` (4, 2); axle, chassis, springs, wheels, road as ``lines`` (64, 2, 2) [m].
+    """Drawing at ``q``: wheels and chassis ends as ``points`` (4, 2); axle, chassis, springs, wheels, road as ``lines``
+    (64, 2, 2) [m].
 
     The axle is found from the coordinates alone: it stands across the left spring and is as long as the chassis.
     """
@@ -126,7 +127,7 @@ def problem(
     w: float = 10.0,
     t_end: float = 3.0,
 ) -> Problem:
-    """The drive over [0, ``t_end``] [s] from unstretched springs.
+    """Make the problem: the drive over [0, ``t_end``] [s] from unstretched springs.
 
     Parameters
     ----------

@@ -47,15 +47,15 @@ class ChaplyginSleigh(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (3,) [kg, kg, kg m^2]."""
+        """Mass matrix: diagonal (3,) [kg, kg, kg m^2]."""
         return jnp.stack([self.m, self.m, self.I])
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """None, (3,)."""
+        """Applied force: none, (3,)."""
         return jnp.zeros_like(q)
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
-        """Velocity of the skate across its blade, (1,) [m/s]."""
+        """Velocity constraints: velocity of the skate across its blade, (1,) [m/s]."""
         return jnp.stack([-v[0] * jnp.sin(q[2]) + v[1] * jnp.cos(q[2]) - self.a * v[2]])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -63,7 +63,9 @@ class ChaplyginSleigh(System):
         return jnp.sum(self.mass_matrix * v**2) / 2
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """``V^2`` [m^2/s^2], and the heading less ``sqrt(A) / a gd(tau)`` [rad]: it ties the heading to the velocities."""
+        """Invariants: ``V^2`` [m^2/s^2], and the heading less ``sqrt(A) / a gd(tau)`` [rad]: it ties the heading to the
+        velocities.
+        """
         A = (self.I + self.m * self.a**2) / self.m
         ahead = v[0] * jnp.cos(q[2]) + v[1] * jnp.sin(q[2])
         gd = jnp.arctan2(ahead, jnp.sqrt(A) * v[2])
@@ -72,7 +74,7 @@ class ChaplyginSleigh(System):
 
 @dataclass(frozen=True)
 class Run:
-    """One motion of the sleigh, from the origin with heading 0."""
+    """Exact motion of the sleigh from the origin with heading 0."""
 
     I: float  #: [kg m^2]  # noqa: E741
     a: float  #: [m]
@@ -87,7 +89,7 @@ class Run:
 
     @property
     def tau0(self) -> float:
-        """Start of the scaled time."""
+        """Value of the scaled time tau at the start."""
         return math.asinh(self.u0 / (math.sqrt(self.A) * self.w0))
 
     def heading(self, tau: Any) -> Any:
@@ -111,7 +113,7 @@ def gudermannian(tau: Any) -> Any:
 
 
 def exact(run: Run, t: float) -> Motion:
-    """Solution at ``t`` [s]: closed but for the place, a quadrature to roundoff."""
+    """Solution at ``t`` [s]: velocities and heading in closed form, the position by quadrature to roundoff."""
     a, tau = run.a, run.tau0 + run.a * run.V / run.A * t
     decay = math.exp(-abs(tau))
     u, w = run.V * math.tanh(tau), run.V / math.sqrt(run.A) * 2 * decay / (1 + decay**2)
@@ -127,7 +129,9 @@ def exact(run: Run, t: float) -> Motion:
 
 
 def sketch(a: float, q: Vector) -> dict[str, Vector]:
-    """Centre of mass and skate as ``points`` (2, 2), the body's outline and the blade as ``lines`` (6, 2, 2) [m]."""
+    """Drawing at ``q``: centre of mass and skate as ``points`` (2, 2), the body's outline and the blade as ``lines`` (6, 2,
+    2) [m].
+    """
     ahead = np.array([math.cos(q[2]), math.sin(q[2])])
     side, centre = np.array([-ahead[1], ahead[0]]), np.asarray(q[:2])
     skate = centre - a * ahead
@@ -152,7 +156,7 @@ def problem(
     w0: float = 2.0,
     t_end: float = 5.0,
 ) -> Problem:
-    """The sleigh from the origin, heading along x, over [0, ``t_end``] [s].
+    """Make the problem: the sleigh from the origin, heading along x, over [0, ``t_end``] [s].
 
     Parameters
     ----------

@@ -49,18 +49,18 @@ class ClampedBar(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """(N + 1, N + 1) [kg]."""
+        """Mass matrix: (N + 1, N + 1) [kg]."""
         n = self.n_elements
         shares = 4 * np.eye(n + 1) + np.eye(n + 1, k=1) + np.eye(n + 1, k=-1)
         shares[[0, -1], [0, -1]] = 2
         return self.mass * self.length / (6 * n) * shares
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Elements, (N + 1,) [N]."""
+        """Applied force: elements, (N + 1,) [N]."""
         return self.EA * self.n_elements / self.length * jnp.diff(jnp.pad(jnp.diff(q), 1))
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Node 0 at the wall, (1,) [m]."""
+        """Position constraints: node 0 at the wall, (1,) [m]."""
         return q[:1]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -79,7 +79,7 @@ class Modes:
 
 @functools.cache
 def modes(n: int) -> Modes:
-    """Closed form: the shapes are orthogonal in M, so each share is the projection of the start."""
+    """Mode shapes and shares in closed form; the shapes are orthogonal in M, so each share is a projection of the start."""
     angle = (2 * np.arange(1, n + 1) - 1) * math.pi / (2 * n)
     shapes = np.sin(np.outer(np.arange(1, n + 1), angle))
     cos, rows = np.cos(angle), np.append(np.ones(n - 1), 0.5) / n
@@ -110,7 +110,8 @@ def tip_speed(t: float, q: Vector, v: Vector, lam: Vector) -> float:
 
 
 def sketch(length: float, scale: float, q: Vector) -> dict[str, Any]:
-    """Nodes as ``points`` (N + 1, 2); faces between elements, both sides and the wall as ``lines`` (3 N + 7, 2, 2) [m].
+    """Drawing at ``q``: nodes as ``points`` (N + 1, 2); faces between elements, both sides and the wall as ``lines`` (3 N
+    + 7, 2, 2) [m].
 
     Displacements are drawn ``scale`` times: a bar that meets a wall at the speed of sound would fold up.
     """
@@ -133,7 +134,7 @@ def problem(
     speed: float = 1.0,
     t_end: float = 3.0,
 ) -> Problem:
-    """The bar from the moment it meets the wall over [0, ``t_end``] [s].
+    """Make the problem: the bar from the moment it meets the wall over [0, ``t_end``] [s].
 
     Parameters
     ----------

@@ -40,15 +40,15 @@ class DrivenCoordinate(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Scalar [kg]."""
+        """Mass matrix: scalar [kg]."""
         return self.m
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """None, (1,) [N]."""
+        """Applied force: none, (1,) [N]."""
         return jnp.zeros_like(q)
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Distance from the motor's arm, (1,) [m]."""
+        """Position constraints: distance from the motor's arm, (1,) [m]."""
         return q - self.A * jnp.sin(self.w * t)
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -56,7 +56,7 @@ class DrivenCoordinate(System):
         return self.m * (v @ v) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """Of the motor [W]: ``lam g_t``."""
+        """Power of the motor [W]: ``lam g_t``."""
         return -lam[0] * self.A * self.w * jnp.cos(self.w * t)
 
 
@@ -67,7 +67,7 @@ def exact(m: float, A: float, w: float, t: float) -> Motion:
 
 
 def sketch(A: float, q: Vector) -> dict[str, Vector]:
-    """Slider as ``points`` (1, 2), wall, guide, arm and slider as ``lines`` (12, 2, 2) [m]."""
+    """Drawing at ``q``: slider as ``points`` (1, 2), wall, guide, arm and slider as ``lines`` (12, 2, 2) [m]."""
     x, size = float(q[0]), 0.1 * A
     corners = np.array([x, 0.0]) + size * np.array([[-1.0, -0.6], [1.0, -0.6], [1.0, 0.6], [-1.0, 0.6]])
     block = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
@@ -83,7 +83,7 @@ def pull(t: float, q: Vector, v: Vector, lam: Vector) -> float:
 
 
 def problem(*, m: float = 1.0, A: float = 1.0, w: float = 1.0, t_end: float = 5.0) -> Problem:
-    """The driven slider over [0, ``t_end``] [s].
+    """Make the problem: the driven slider over [0, ``t_end``] [s].
 
     Parameters
     ----------

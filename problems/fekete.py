@@ -51,12 +51,12 @@ class RepellingPoints(System):
     damping: Array = parameter(0.5, doc="friction on each point [N s/m]")
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Repulsion and friction, (3N,) [N]."""
+        """Applied force: repulsion and friction, (3N,) [N]."""
         apart, squares = differences(q)
         return jnp.sum(apart / squares[:, :, None], axis=1).ravel() - self.damping * v
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Every point on the sphere, (N,) [m^2]."""
+        """Position constraints: every point on the sphere, (N,) [m^2]."""
         return 1 - jnp.sum(q.reshape(-1, 3) ** 2, axis=1)
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -64,7 +64,7 @@ class RepellingPoints(System):
         return v @ v / 2 - jnp.sum(jnp.log(differences(q)[1])) / 4
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """What friction takes [W]."""
+        """Power of the friction [W]."""
         return -self.damping * (v @ v)
 
 
@@ -76,25 +76,25 @@ def differences(q: Array) -> tuple[Array, Array]:
 
 
 def closed_multipliers(v: Vector) -> Vector:
-    """lam (N,) [N/m] that belongs to the velocities ``v`` (3N,) of any motion on the sphere."""
+    """Multipliers lam (N,) [N/m] in closed form from the velocities ``v`` (3N,) of any motion on the sphere."""
     rates = np.asarray(v).reshape(-1, 3)
     return -((len(rates) - 1) / 2 + np.sum(rates**2, axis=1)) / 2
 
 
 def multiplier_error(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """Largest distance of ``lam`` from its closed form [N/m]: 0 on the true motion at every time."""
+    """Largest difference of ``lam`` from its closed form [N/m]; 0 on the exact motion."""
     return float(np.abs(np.asarray(lam) - closed_multipliers(v)).max())
 
 
 def rings() -> Vector:
-    """The source's 20 places, (20, 3) [m]."""
+    """Starting positions of the source's 20 points, (20, 3) [m]."""
     azimuth = np.concatenate([2 * math.pi * np.arange(i, i + n) / n + offset for n, offset, _, i in RINGS])
     latitude = np.concatenate([np.full(n, angle) for n, _, angle, _ in RINGS])
     return np.column_stack([np.cos(azimuth) * np.cos(latitude), np.sin(azimuth) * np.cos(latitude), np.sin(latitude)])
 
 
 def spiral(n: int) -> Vector:
-    """``n`` places on a golden-angle spiral from pole to pole, (n, 3) [m]."""
+    """Positions of ``n`` points on a golden-angle spiral from pole to pole, (n, 3) [m]."""
     i = np.arange(n)
     height, azimuth = 1 - (2 * i + 1) / n, math.pi * (3 - math.sqrt(5)) * i
     radius = np.sqrt(1 - height**2)
@@ -103,7 +103,7 @@ def spiral(n: int) -> Vector:
 
 @functools.cache
 def sphere() -> Vector:
-    """Equator and two meridians in straight pieces, (72, 2, 3) [m]; made once."""
+    """Line pieces (72, 2, 3) [m] of the equator and two meridians, made once."""
     angle = np.linspace(0.0, 2 * math.pi, 25)
     circle = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(25)])
     circles = [np.roll(circle, shift, axis=1) for shift in range(3)]
@@ -111,12 +111,13 @@ def sphere() -> Vector:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """The points (N, 3) and three great circles of the sphere as ``lines`` (72, 2, 3) [m]."""
+    """Drawing at ``q``: the points (N, 3) and three great circles of the sphere as ``lines`` (72, 2, 3) [m]."""
     return {"points": np.array(q).reshape(-1, 3), "lines": sphere().copy()}
 
 
 def problem(*, n_points: int = 20, damping: float = 0.5, t_end: float = 1000.0) -> Problem:
-    """The points from rest over [0, ``t_end``] [s]; the source's interval is long enough for them to rest again.
+    """Make the problem: the points from rest over [0, ``t_end``] [s]; the source's interval is long enough for them to
+    rest again.
 
     Parameters
     ----------

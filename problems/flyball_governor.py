@@ -78,28 +78,28 @@ class FlyballGovernor(System):
 
     @property
     def gravity(self) -> Array:
-        """(3,) [m/s^2]."""
+        """Gravity vector (3,) [m/s^2]."""
         return -self.g * jnp.asarray(Z)
 
     def spring_lengths(self, q: Array) -> Array:
-        """(2,) [m]."""
+        """Lengths of both springs (2,) [m]."""
         at = placed_with_ground(q)
         arms = points_on(at, ARMS, jnp.tile((HEIGHT / 2 - self.centre) * X, (2, 1)))
         span = arms - points_on(at, np.array([SLIDER, SLIDER]), OFFSET * SIDES)
         return jnp.sqrt(jnp.sum(span**2, axis=1))
 
     def mass_matrix(self, t: Array, q: Array) -> Array:
-        """(28, 28), a block for each body."""
+        """Mass matrix: (28, 28), a block for each body."""
         return mass_of_bodies(q, self.m, self.J, self.j0)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, the terms quadratic in p', springs and dampers, (28,)."""
+        """Applied force: weight, the terms quadratic in p', springs and dampers, (28,)."""
         length, rate = jax.jvp(self.spring_lengths, (q,), (v,))
         (along,) = jax.vjp(self.spring_lengths, q)[1](self.K * (length - self.l0) + self.C * rate)
         return force_on_bodies(q, v, self.m, self.J, self.gravity) - along
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Norms, three hinges and the slider, (24,)."""
+        """Position constraints: norms, three hinges and the slider, (24,)."""
         at = placed_with_ground(q)
         a = np.concatenate([[0 * X], HEIGHT / 2 * Z + OFFSET * SIDES])
         b = jnp.concatenate([-HEIGHT / 2 * Z[None], jnp.tile(-self.centre * X, (2, 1))])
@@ -109,22 +109,22 @@ class FlyballGovernor(System):
         return jnp.concatenate([norm_rows(split(q)[1]), hinges, across, frame])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy, height and springs [J]."""
+        """Kinetic, gravitational and spring energys [J]."""
         stretch = self.spring_lengths(q) - self.l0
         return energy_of_bodies(q, v, self.m, self.J, self.gravity) + self.K * stretch @ stretch / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """What the dampers take [W]."""
+        """Power of the dampers [W]."""
         rate = jax.jvp(self.spring_lengths, (q,), (v,))[1]
         return -self.C * rate @ rate
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Moment of momentum about the shaft [kg m^2/s]."""
+        """Invariants: angular momentum about the shaft [kg m^2/s]."""
         return {"vertical_momentum": moment_of_momentum(q, v, self.m, self.J)[2]}
 
 
 def bodies(ball: float) -> dict[str, Any]:
-    """Masses, moments and centre of the system from the source's dimensions; ``ball`` [kg]."""
+    """Masses, moments of inertia and centre of mass from the source's dimensions; ``ball`` is a ball's mass [kg]."""
     rod, slider = DENSITY * HEIGHT * SECTION**2, DENSITY * SIDE**3
     thin, slender = rod * SECTION**2 / 6, rod * (HEIGHT**2 + SECTION**2) / 12
     centre = (rod / 2 + ball) * HEIGHT / (rod + ball)
@@ -134,7 +134,7 @@ def bodies(ball: float) -> dict[str, Any]:
 
 
 def start(centre: float, s: float, alpha: float, omega: float) -> tuple[Vector, Vector]:
-    """Everything turns with ``omega`` [rad/s] about z, slider at ``s`` [m], arms at ``alpha`` [rad]."""
+    """State at the start: all bodies rotate with ``omega`` [rad/s] about z, slider at ``s`` [m], arms at ``alpha`` [rad]."""
     reach, drop = OFFSET + centre * math.cos(alpha), HEIGHT - centre * math.sin(alpha)
     x = np.array([[0, 0, HEIGHT / 2], [0, 0, s], [reach, 0, drop], [-reach, 0, drop]])
     cos, sin = math.cos(alpha / 2), math.sin(alpha / 2)
@@ -144,7 +144,7 @@ def start(centre: float, s: float, alpha: float, omega: float) -> tuple[Vector, 
 
 
 def typical_sizes(mass: float, rate: float) -> Scales:
-    """From the whole mass [kg] and the fastest turning [rad/s]; multipliers in the order of the constraint."""
+    """Scales from the total mass [kg] and the fastest rotation [rad/s]; multipliers in the order of the constraints."""
     force = mass * HEIGHT * rate**2
     moment = force * HEIGHT
     return Scales(
@@ -155,28 +155,30 @@ def typical_sizes(mass: float, rate: float) -> Scales:
 
 
 def slider_height(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """s [m]."""
+    """Height s of the slider on the shaft [m]."""
     return float(q[9])
 
 
 def arm_angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """alpha of arm 1 below the level [rad]."""
+    """Angle alpha of arm 1 below the horizontal [rad]."""
     x, y, z = np.asarray(rotation(q[17:21]))[:, 0]
     return math.atan2(-z, math.hypot(x, y))
 
 
 def shaft_angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """Angle of the shaft [rad], whole turns left out, in [-pi, pi]."""
+    """Angle of the shaft [rad] modulo whole turns, in [-pi, pi]."""
     return math.remainder(2 * math.atan2(q[6], q[3]), 2 * math.pi)
 
 
 def shaft_rate(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """omega [rad/s]."""
+    """Angular velocity omega of the shaft [rad/s]."""
     return float(space_rate(q[3:7], v[3:7])[2])
 
 
 def sketch(centre: float, q: Vector) -> dict[str, Vector]:
-    """Pivot, hinges and balls as ``points`` (5, 3); shaft, hinge bar, arms, slider, springs as ``lines`` (36, 2, 3) [m]."""
+    """Drawing at ``q``: pivot, hinges and balls as ``points`` (5, 3); shaft, hinge bar, arms, slider, springs as ``lines``
+    (36, 2, 3) [m].
+    """
     x, p = map(np.asarray, split(q))
     R = np.asarray(rotation(p))
     top, foot = x[0] + HEIGHT / 2 * R[0, :, 2], x[0] - HEIGHT / 2 * R[0, :, 2]
@@ -207,7 +209,7 @@ def problem(
     omega: float = 2 * math.pi,
     t_end: float = 10.0,
 ) -> Problem:
-    """The governor over [0, ``t_end``] [s], turning at the start while slider and arms rest on the shaft.
+    """Make the problem: the governor over [0, ``t_end``] [s], turning at the start while slider and arms rest on the shaft.
 
     Parameters
     ----------

@@ -66,15 +66,15 @@ class FourBars(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (3 (2 N + 1),) [kg, kg, kg m^2]."""
+        """Mass matrix: diagonal (3 (2 N + 1),) [kg, kg, kg m^2]."""
         return jnp.tile(jnp.stack([self.m, self.m, self.m * self.l**2 / 12]), 2 * self.n_windows + 1)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (3 (2 N + 1),) [N, N, N m]."""
+        """Applied force: weight, (3 (2 N + 1),) [N, N, N m]."""
         return jnp.tile(-self.m * self.g * jnp.array([0.0, 1.0, 0.0]), 2 * self.n_windows + 1)
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Ground pivots, left ends, right ends of the couplers, (2 (3 N + 1),) [m]."""
+        """Position constraints: ground pivots, left ends, right ends of the couplers, (2 (3 N + 1),) [m]."""
         cranks = self.n_windows + 1
         begins, ends = bar_ends(q, self.l, jnp)
         ground = self.l * jnp.stack([jnp.arange(cranks), jnp.zeros(cranks)], axis=1)
@@ -82,12 +82,12 @@ class FourBars(System):
         return jnp.concatenate(joints).ravel()
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 + self.m * self.g * jnp.sum(q[1::3])
 
 
 def parallel_state(n: int, l: float, phi: float, rate: float) -> tuple[Vector, Vector]:  # noqa: E741
-    """``q, v`` with all cranks at ``phi`` [rad] from the upright, turning with ``rate`` [rad/s]."""
+    """State ``q, v`` with all cranks at ``phi`` [rad] from upright, rotating with ``rate`` [rad/s]."""
     B = l * np.array([math.sin(phi), math.cos(phi)])
     velocity = l * rate * np.array([math.cos(phi), -math.sin(phi)])
     q, v = np.zeros((2 * n + 1, 3)), np.zeros((2 * n + 1, 3))
@@ -99,7 +99,7 @@ def parallel_state(n: int, l: float, phi: float, rate: float) -> tuple[Vector, V
 
 
 def frequency_squared(n: int, l: float, g: float) -> float:  # noqa: E741
-    """``w^2 = c g / (J l)`` [1/s^2]."""
+    """Squared circular frequency ``w^2 = c g / (J l)`` [1/s^2] of the parallel motion."""
     return 3 * (3 * n + 1) / (2 * (4 * n + 1)) * g / l
 
 
@@ -130,22 +130,22 @@ def exact(n: int, m: float, l: float, g: float, speed: float, t: float) -> Motio
 
 
 def B0(l: float, t: float, q: Vector, v: Vector, lam: Vector) -> Vector:  # noqa: E741
-    """First free joint, (x, y) [m]."""
+    """Position (x, y) of the first free joint [m]."""
     return q[:2] + l / 2 * np.array([math.cos(q[2]), math.sin(q[2])])
 
 
 def crank_angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """phi of crank 0 [rad]."""
+    """Angle phi of crank 0 from upright [rad]."""
     return math.pi / 2 - float(q[2])
 
 
 def crank_rate(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """phi' of crank 0 [rad/s]."""
+    """Angular velocity phi' of crank 0 [rad/s]."""
     return -float(v[2])
 
 
 def sketch(l: float, q: Vector) -> dict[str, Vector]:  # noqa: E741
-    """Joints as ``points`` (2 N + 2, 2), bars and supports as ``lines`` (11 N + 10, 2, 2) [m]."""
+    """Drawing at ``q``: joints as ``points`` (2 N + 2, 2), bars and supports as ``lines`` (11 N + 10, 2, 2) [m]."""
     begins, ends = bar_ends(np.asarray(q), l)
     cranks = len(begins) // 2 + 1
     ground = [pin_lines((i * l, 0.0), 0.1 * l) for i in range(cranks)]
@@ -162,7 +162,7 @@ def problem(
     speed: float = 1.0,
     t_end: float = 10.0,
 ) -> Problem:
-    """The upright mechanism over [0, ``t_end``] [s]; the first singular position comes near 0.71 s.
+    """Make the problem: the upright mechanism over [0, ``t_end``] [s]; the first singular position comes near 0.71 s.
 
     Parameters
     ----------

@@ -43,11 +43,11 @@ class FputChain(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Scalar [kg]: the same for every coordinate."""
+        """Mass matrix: scalar [kg]: the same for every coordinate."""
         return self.m
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Springs, (N,) [N]."""
+        """Applied force: springs, (N,) [N]."""
         d = jnp.diff(jnp.pad(q, 1))
         return jnp.diff(d * (self.k + d * (self.alpha + d * self.beta)))
 
@@ -66,7 +66,7 @@ def mode_energy(j: int, m: float, k: float, t: float, q: Vector, v: Vector, lam:
 
 
 def check_bounded(q0: Vector, k: float, alpha: float, beta: float) -> None:
-    """Refuse a start that could break a spring: with beta = 0 each gives way beyond ``d = -k / alpha``."""
+    """Raise if the start could break a spring: with beta = 0 each loses its restoring force beyond ``d = -k / alpha``."""
     if beta > 0 or alpha == 0:
         return
     d = np.diff(np.pad(q0, 1))
@@ -79,7 +79,8 @@ def check_bounded(q0: Vector, k: float, alpha: float, beta: float) -> None:
 
 
 def sketch(q: Vector) -> dict[str, Any]:
-    """Displacements drawn across the chain, masses at unit spacing: ``points`` (N, 2), ``lines`` (N + 13, 2, 2) [m].
+    """Drawing at ``q``: displacements drawn across the chain, masses at unit spacing: ``points`` (N, 2), ``lines`` (N +
+    13, 2, 2) [m].
 
     The masses move along the chain; across it the travelling shape is seen.
     """
@@ -103,7 +104,7 @@ def problem(
     amplitude: float = 1.0,
     t_end: float = 100.0,
 ) -> Problem:
-    """The chain from rest over [0, ``t_end``] [s].
+    """Make the problem: the chain from rest over [0, ``t_end``] [s].
 
     Parameters
     ----------

@@ -51,26 +51,26 @@ class HeavyTop(System):
         return jnp.stack([self.A, self.C, self.A])
 
     def mass_matrix(self, t: Array, q: Array) -> Array:
-        """(7, 7): ``m`` three times and the block of the quaternion."""
+        """Mass matrix: (7, 7): ``m`` three times and the block of the quaternion."""
         block = rotational_mass(q[3:], self.inertia, self.j0)
         return jnp.zeros((7, 7)).at[:3, :3].set(self.m * jnp.eye(3)).at[3:, 3:].set(block)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight and the terms quadratic in p', (7,)."""
+        """Applied force: weight and the terms quadratic in p', (7,)."""
         weight = jnp.zeros(3).at[2].set(-self.m * self.g)
         return jnp.concatenate([weight, rotational_force(q[3:], v[3:], self.inertia)])
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Norm of the quaternion and the tip, (4,) [1, m, m, m]."""
+        """Position constraints: norm of the quaternion and the tip, (4,) [1, m, m, m]."""
         return jnp.concatenate([norm_rows(q[3:])[None], q[:3] - self.l * rotation(q[3:])[:, 1]])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         w = body_rate(q[3:], v[3:])
         return (self.m * v[:3] @ v[:3] + w @ (self.inertia * w)) / 2 + self.m * self.g * q[2]
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Spin [rad/s] and moment of momentum about the vertical through the tip [kg m^2/s]."""
+        """Invariants: spin [rad/s] and angular momentum about the vertical through the tip [kg m^2/s]."""
         w = body_rate(q[3:], v[3:])
         vertical = rotation(q[3:])[2] @ (self.inertia * w) + self.m * (q[0] * v[1] - q[1] * v[0])
         return {"spin": w[1], "vertical_momentum": vertical}
@@ -87,7 +87,9 @@ def tip_force(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
 
 
 def sketch(l: float, q: Vector) -> dict[str, Vector]:  # noqa: E741
-    """Tip and centre as ``points`` (2, 3); axis, rim, three sides of a cone, a post below as ``lines`` (29, 2, 3) [m]."""
+    """Drawing at ``q``: tip and centre as ``points`` (2, 3); axis, rim, three sides of a cone, a post below as ``lines``
+    (29, 2, 3) [m].
+    """
     first, axis, third = np.asarray(rotation(q[3:])).T
     angles = np.linspace(0.0, 2 * math.pi, 25)
     rim = q[:3] + l * 0.4 * (np.outer(np.cos(angles), first) + np.outer(np.sin(angles), third))
@@ -110,7 +112,7 @@ def problem(
     j0: float | None = None,
     t_end: float = 2.0,
 ) -> Problem:
-    """The top over [0, ``t_end``] [s], its axis level and along y at the start.
+    """Make the problem: the top over [0, ``t_end``] [s], its axis level and along y at the start.
 
     Parameters
     ----------

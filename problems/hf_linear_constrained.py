@@ -41,12 +41,12 @@ class StiffPair(System):
     stiffness: Array = parameter(1e4, doc="K, spring between x1 and x2 [N/m]")
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Both springs, (3,) [N]."""
+        """Applied force: both springs, (3,) [N]."""
         pull = self.stiffness * (q[0] - q[1])
         return jnp.stack([-pull, pull, -q[2]])
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """x2 and x3 move together, (1,) [m]."""
+        """Position constraints: x2 and x3 move together, (1,) [m]."""
         return q[1:2] - q[2:]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -56,7 +56,7 @@ class StiffPair(System):
 
 @dataclass(frozen=True)
 class Modes:
-    """The two modes of one motion, slow first."""
+    """The two vibration modes of one motion, the slow one first."""
 
     stiffness: float  #: K [N/m]
     squares: Vector  #: (2,) s = w^2 [rad^2/s^2]
@@ -64,7 +64,9 @@ class Modes:
 
 
 def modes(stiffness: float, stretch: float) -> Modes:
-    """Modes and amplitudes for the start; the small root comes from the product K / 2 of both, free of cancellation."""
+    """Frequencies and amplitudes of both modes for the start; the small root comes from the product of both, without
+    cancellation.
+    """
     K = stiffness
     fast = (3 * K + 1 + np.sqrt(9 * K**2 - 2 * K + 1)) / 4
     slow = K / (2 * fast)
@@ -83,7 +85,7 @@ def exact(found: Modes, t: float) -> Motion:
 
 
 def sketch(q: Vector) -> dict[str, Any]:
-    """Masses a unit apart as squares, springs, rod and wall: ``points`` (3, 2), ``lines`` (44, 2, 2) [m]."""
+    """Drawing at ``q``: masses a unit apart, springs, rod and wall; ``points`` (3, 2), ``lines`` (44, 2, 2) [m]."""
     points = np.column_stack([np.arange(3.0) + np.asarray(q), np.zeros(3)])
     gap, wall, post = np.array([(0.12, 0.0), (4.5, 0.0), (0.0, 0.15)])
     squares = [box_lines(p, 0.24, 0.24) for p in points]
@@ -95,12 +97,12 @@ def sketch(q: Vector) -> dict[str, Any]:
 
 
 def spring_stretch(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """Of the stiff spring [m]."""
+    """Elongation of the stiff spring [m]."""
     return float(q[0] - q[1])
 
 
 def problem(*, stiffness: float = 1e4, stretch: float = 1e-3, t_end: float = 10.0) -> Problem:
-    """The masses from rest at (1 + stretch, 1, 1) over [0, ``t_end``] [s].
+    """Make the problem: the masses from rest at (1 + stretch, 1, 1) over [0, ``t_end``] [s].
 
     Parameters
     ----------

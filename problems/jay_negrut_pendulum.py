@@ -50,16 +50,16 @@ class Pendulum(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (3,) [kg, kg, kg m^2]."""
+        """Mass matrix: diagonal (3,) [kg, kg, kg m^2]."""
         return jnp.stack([self.m, self.m, self.m * self.L**2 / 3])
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Gravity, spring and damper, (3,)."""
+        """Applied force: gravity, spring and damper, (3,)."""
         moment = -self.c * v[2] - self.k * (q[2] - REST_ANGLE)
         return jnp.stack([jnp.zeros_like(moment), -self.m * self.g, moment])
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """The centre of mass sits at L on the rod, (2,) [m]."""
+        """Position constraints: the centre of mass sits at L on the rod, (2,) [m]."""
         y1, y2, y3 = q
         return jnp.stack([y1 - self.L * jnp.cos(y3), y2 - self.L * jnp.sin(y3)])
 
@@ -70,19 +70,19 @@ class Pendulum(System):
 
 
 class Damped(Pendulum):
-    """The pendulum whose damper takes energy."""
+    """The pendulum with a damper, whose power is declared."""
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """Of the damper [W]."""
+        """Power of the damper [W]."""
         return -self.c * v[2] ** 2
 
 
 @functools.cache
 def taylor_pieces(m: float, L: float, k: float, c: float, g: float, z3: float, t_end: float) -> tuple[Vector, Matrix]:
-    """Taylor series of y3(t) over [0, ``t_end``], good to roundoff.
+    """Taylor series of y3(t) over [0, ``t_end``], accurate to roundoff.
 
-    A Runge-Kutta code's dense output would lose two or three digits against this.  The number of pieces grows
-    with the frequency, ``sqrt(3 k / (4 m L^2))`` for a stiff spring.
+    The dense output of a Runge-Kutta code has two or three digits fewer.  The number of pieces grows with the
+    frequency, ``sqrt(3 k / (4 m L^2))`` for a stiff spring.
 
     Returns
     -------
@@ -136,7 +136,7 @@ def exact(parameters: tuple[float, ...], t_end: float, t: float) -> Motion:
 
 
 def sketch(L: float, q: Vector) -> dict[str, Vector]:
-    """Pivot and centre of mass as ``points`` (2, 2), rod, spring and support as ``lines`` (42, 2, 2) [m]."""
+    """Drawing at ``q``: pivot and centre of mass as ``points`` (2, 2); rod, spring, support as ``lines`` (42, 2, 2) [m]."""
     end = 2 * L * np.array([np.cos(q[2]), np.sin(q[2])])
     turn = np.linspace(np.pi, q[2] + 4 * np.pi, 33)  # from the support, twice round, to the rod
     spiral = L * np.linspace(0.12, 0.3, 33)[:, None] * np.column_stack([np.cos(turn), np.sin(turn)])
@@ -145,7 +145,7 @@ def sketch(L: float, q: Vector) -> dict[str, Vector]:
 
 
 def angle(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """Of the rod [rad]."""
+    """Angle of the rod [rad]."""
     return float(q[2])
 
 
@@ -159,7 +159,7 @@ def problem(
     z3: float = 10.0,
     t_end: float = 4.0,
 ) -> Problem:
-    """The pendulum over [0, ``t_end``] [s].
+    """Make the problem: the pendulum over [0, ``t_end``] [s].
 
     Parameters
     ----------

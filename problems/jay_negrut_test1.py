@@ -43,12 +43,12 @@ class NonlinearReaction(System):
     """``q = (y1, y2)``, unit mass, one position constraint, a reaction quadratic in lam; no parameters."""
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """The part of (z1', z2') free of lam, (2,)."""
+        """Applied force: the part of (z1', z2') free of lam, (2,)."""
         (y1, y2), (z1, z2) = q, v
         return jnp.stack([y1 * z2 + 2 * y2 * z1, -y1 * y2 * z1 - 2 * y1 * z1 * y2 * z2])
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """``y1^2 y2 - 1``, (1,)."""
+        """Position constraints: ``y1^2 y2 - 1``, (1,)."""
         y1, y2 = q
         return jnp.stack([y1**2 * y2 - 1])
 
@@ -65,19 +65,21 @@ def exact(t: float) -> Motion:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """The point on its curve: ``points`` (1, 2), ``lines`` (60, 2, 2) chords of the curve and a ring around the point."""
+    """Drawing at ``q``: the point on its curve: ``points`` (1, 2), ``lines`` (60, 2, 2) chords of the curve and a ring
+    around the point.
+    """
     y1 = np.linspace(0.8, 3.0, 45)
     curve = np.column_stack([y1, y1**-2])
     return {"points": np.array([q]), "lines": np.concatenate([chain(curve), circle_lines(q, 0.05)])}
 
 
 def multiplier(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """lam, nonlinear in the reaction."""
+    """The multiplier lam, in which the reaction is nonlinear."""
     return float(lam[0])
 
 
 def problem(*, t_end: float = 1.0) -> Problem:
-    """The problem over [0, ``t_end``] [s]; the paper measures errors at 1."""
+    """Make the problem: the problem over [0, ``t_end``] [s]; the paper measures errors at 1."""
     t_end = checked("t_end", t_end, above=0.0, unit="s")
     start = exact(0.0)
     return Problem(

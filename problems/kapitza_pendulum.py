@@ -41,12 +41,12 @@ class KapitzaPendulum(Bob):
     w: Array = parameter(80.0, doc="circular frequency of the pivot [rad/s]")
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Length of the rod, (1,) [m^2]."""
+        """Position constraints: length of the rod, (1,) [m^2]."""
         height = q[1] - self.A * jnp.cos(self.w * t)
         return jnp.stack([(q[0] ** 2 + height**2 - self.L**2) / 2])
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """Of the force that shakes the pivot [W]: ``lam g_t``."""
+        """Power of the force that shakes the pivot [W]: ``lam g_t``."""
         height = q[1] - self.A * jnp.cos(self.w * t)
         return lam[0] * height * self.A * self.w * jnp.sin(self.w * t)
 
@@ -57,7 +57,7 @@ def angle(A: float, w: float, t: float, q: Vector, v: Vector, lam: Vector) -> fl
 
 
 def sketch(L: float, A: float, q: Vector) -> dict[str, Vector]:
-    """Pivot and bob as ``points`` (2, 2), rod, bob, sleeve and guide as ``lines`` (18, 2, 2) [m].
+    """Drawing at ``q``: pivot and bob as ``points`` (2, 2), rod, bob, sleeve and guide as ``lines`` (18, 2, 2) [m].
 
     The pivot is where the rod meets the guide: of the two places the one nearer to the middle.
     """
@@ -79,7 +79,8 @@ def problem(
     angle0: float = 0.1,
     t_end: float = 3.0,
 ) -> Problem:
-    """The pendulum near the upright, at rest with its pivot at the top of its stroke, over [0, ``t_end``] [s].
+    """Make the problem: the pendulum near the upright, at rest with its pivot at the top of its stroke, over [0,
+    ``t_end``] [s].
 
     Parameters
     ----------

@@ -43,24 +43,24 @@ class KnifeEdge(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (3,) [kg, kg, kg m^2]."""
+        """Mass matrix: diagonal (3,) [kg, kg, kg m^2]."""
         return jnp.stack([self.m, self.m, self.I])
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight along the slope, (3,)."""
+        """Applied force: weight along the slope, (3,)."""
         pull = self.m * self.g * jnp.sin(self.incline)
         return jnp.stack([pull, jnp.zeros_like(pull), jnp.zeros_like(pull)])
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
-        """Velocity across the blade, (1,) [m/s]."""
+        """Velocity constraints: velocity across the blade, (1,) [m/s]."""
         return jnp.stack([v[0] * jnp.sin(q[2]) - v[1] * jnp.cos(q[2])])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 - self.m * self.g * jnp.sin(self.incline) * q[0]
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """The turning rate [rad/s]: nothing exerts a moment."""
+        """Invariants: the turning rate [rad/s]: nothing exerts a moment."""
         return {"turning_rate": v[2]}
 
 
@@ -74,7 +74,9 @@ def exact(m: float, G: float, Om: float, t: float) -> Motion:
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """The contact as ``points`` (1, 2), the skate as ``lines`` (5, 2, 2) [m]; down the slope is down on the paper."""
+    """Drawing at ``q``: the contact as ``points`` (1, 2), the skate as ``lines`` (5, 2, 2) [m]; down the slope is down on
+    the paper.
+    """
     place = np.array([q[1], -q[0]])
     ahead = np.array([np.sin(q[2]), -np.cos(q[2])])
     side = np.array([-ahead[1], ahead[0]])
@@ -97,7 +99,7 @@ def problem(
     Om: float = 2.0,
     t_end: float = 5.0,
 ) -> Problem:
-    """The skate from rest over [0, ``t_end``] [s].
+    """Make the problem: the skate from rest over [0, ``t_end``] [s].
 
     Parameters
     ----------

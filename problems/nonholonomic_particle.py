@@ -41,15 +41,15 @@ class NonholonomicParticle(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Scalar [kg]."""
+        """Mass matrix: scalar [kg]."""
         return self.m
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """None, (3,) [N]."""
+        """Applied force: none, (3,) [N]."""
         return jnp.zeros_like(q)
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
-        """Velocity out of the admissible plane, (1,) [m/s]."""
+        """Velocity constraints: velocity out of the admissible plane, (1,) [m/s]."""
         return jnp.stack([q[1] * v[0] - v[2]])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -57,7 +57,7 @@ class NonholonomicParticle(System):
         return self.m * (v @ v) / 2
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Speeds along the two directions of the admissible plane [m/s]."""
+        """Invariants: speeds along the two directions of the admissible plane [m/s]."""
         return {"y_speed": v[1], "tilted_speed": v[0] * jnp.sqrt(1 + q[1] ** 2)}
 
 
@@ -71,7 +71,7 @@ def exact(m: float, y0: float, vx: float, vy: float, t: float) -> Motion:
 
 
 def sketch(size: float, q: Vector) -> dict[str, Vector]:
-    """The particle as ``points`` (1, 3), a square of its admissible plane as ``lines`` (4, 2, 3) [m]."""
+    """Drawing at ``q``: the particle as ``points`` (1, 3), a square of its admissible plane as ``lines`` (4, 2, 3) [m]."""
     along = size * np.array([1.0, 0.0, q[1]]) / math.hypot(1.0, q[1])
     across = np.array([0.0, size, 0.0])
     corners = np.array([q - along - across, q + along - across, q + along + across, q - along + across])
@@ -79,12 +79,12 @@ def sketch(size: float, q: Vector) -> dict[str, Vector]:
 
 
 def height(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """z [m]."""
+    """Coordinate z [m]."""
     return float(q[2])
 
 
 def problem(*, m: float = 1.0, y0: float = 1.0, vx: float = 1.0, vy: float = 0.5, t_end: float = 10.0) -> Problem:
-    """The particle from (0, ``y0``, 0) over [0, ``t_end``] [s].
+    """Make the problem: the particle from (0, ``y0``, 0) over [0, ``t_end``] [s].
 
     Parameters
     ----------

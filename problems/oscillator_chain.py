@@ -41,11 +41,11 @@ class OscillatorChain(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Scalar [kg]: the same for every coordinate."""
+        """Mass matrix: scalar [kg]: the same for every coordinate."""
         return self.m
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Springs, (N,) [N]."""
+        """Applied force: springs, (N,) [N]."""
         return self.k * jnp.diff(jnp.diff(jnp.pad(q, 1)))
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -53,7 +53,7 @@ class OscillatorChain(System):
         return (self.m * jnp.sum(v**2) + self.k * jnp.sum(jnp.diff(jnp.pad(q, 1)) ** 2)) / 2
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Energy held in mode 1 and in mode N [J]: each is conserved by itself."""
+        """Invariants: energy held in mode 1 and in mode N [J]: each is conserved by itself."""
         n = q.shape[0]
         found = {}
         for name, j in (("slow_mode_energy", 1), ("fast_mode_energy", n)):
@@ -64,7 +64,7 @@ class OscillatorChain(System):
 
 
 def mode(n: int, j: int) -> Vector:
-    """Shape (n,) of mode ``j``, its largest entry scaled to 1."""
+    """Shape (n,) of vibration mode ``j``, its largest entry scaled to 1."""
     shape = np.sin(np.arange(1, n + 1) * j * math.pi / (n + 1))
     return shape / np.abs(shape).max()
 
@@ -86,7 +86,9 @@ def exact(n: int, m: float, k: float, start: tuple[tuple[float, float], tuple[fl
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """Masses at unit spacing as ``points`` (N, 2), springs, blocks and walls as ``lines`` (14 N + 22, 2, 2) [m]."""
+    """Drawing at ``q``: masses at unit spacing as ``points`` (N, 2), springs, blocks and walls as ``lines`` (14 N + 22, 2,
+    2) [m].
+    """
     n = len(q)
     joints = np.column_stack([np.arange(n + 2) + np.pad(q, 1), np.zeros(n + 2)])
     gap, post = np.array([0.15, 0.0]), np.array([0.0, 0.3])
@@ -113,7 +115,7 @@ def problem(
     fast_speed: float = 1.0,
     t_end: float = 1.0,
 ) -> Problem:
-    """The chain over [0, ``t_end``] [s].
+    """Make the problem: the chain over [0, ``t_end``] [s].
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ class TwoSecondPendulum(Bob):
     g: Array = parameter(GRAVITY, doc="gravity, in proportion to L [m/s^2]")
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Length of the rod, (1,) [m^2]."""
+        """Position constraints: length of the rod, (1,) [m^2]."""
         return jnp.stack([(q @ q - self.L**2) / 2])
 
 
@@ -48,7 +48,7 @@ def exact(m: float, L: float, t: float) -> Motion:
 
 
 def problem(*, m: float = 1.0, L: float = 1.0, t_end: float = 30.0) -> Problem:
-    """The pendulum let go level with its pivot, over [0, ``t_end``] [s].
+    """Make the problem: the pendulum let go level with its pivot, over [0, ``t_end``] [s].
 
     ``t_end = 20000`` with a step of 0.02 s makes a million steps, a hundred a swing.
 

@@ -52,20 +52,20 @@ class PlanarChain(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (3 N,) [kg, kg, kg m^2]."""
+        """Mass matrix: diagonal (3 N,) [kg, kg, kg m^2]."""
         return jnp.stack([self.m, self.m, self.m * self.l**2 / 12], axis=1).ravel()
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (3 N,) [N, N, N m]."""
+        """Applied force: weight, (3 N,) [N, N, N m]."""
         return jnp.outer(-self.m * self.g, jnp.array([0.0, 1.0, 0.0])).ravel()
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Each rod begins where the one before it ends, (2 N,) [m]."""
+        """Position constraints: each rod begins where the one before it ends, (2 N,) [m]."""
         begins, ends = rod_ends(q, self.l, jnp)
         return (begins - jnp.pad(ends[:-1], ((1, 0), (0, 0)))).ravel()
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 + self.g * jnp.sum(self.m * q[1::3])
 
 
@@ -77,14 +77,14 @@ def tip(last: float, t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
 
 
 def sketch(l: Vector, q: Vector) -> dict[str, Vector]:  # noqa: E741
-    """Pin, joints and tip as ``points`` (N + 1, 2), rods and support as ``lines`` (N + 9, 2, 2) [m]."""
+    """Drawing at ``q``: pin, joints and tip as ``points`` (N + 1, 2), rods and support as ``lines`` (N + 9, 2, 2) [m]."""
     begins, ends = rod_ends(np.asarray(q), l)
     rods, ground = np.stack([begins, ends], axis=1), pin_lines(np.zeros(2), 0.05 * float(np.sum(l)), 1.0)
     return {"points": np.vstack([np.zeros((1, 2)), ends]), "lines": np.concatenate([rods, ground])}
 
 
 def problem(*, n_links: int = 8, m: float = 1.0, L: float = 1.0, g: float = 9.81, t_end: float = 1.0) -> Problem:
-    """N equal rods from rest over [0, ``t_end``] [s].
+    """Make the problem: N equal rods from rest over [0, ``t_end``] [s].
 
     Parameters
     ----------

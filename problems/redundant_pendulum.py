@@ -36,7 +36,7 @@ class RedundantPendulum(Bob):
     factor: Array = parameter(2.0, doc="second constraint over the first")
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Length of both rods, (2,) [m^2]."""
+        """Position constraints: length of both rods, (2,) [m^2]."""
         length = (q @ q - self.L**2) / 2
         return jnp.stack([length, self.factor * length])
 
@@ -48,12 +48,12 @@ def exact(m: float, L: float, g: float, factor: float, amplitude: float, t: floa
 
 
 def pull(factor: float, t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """``lam1 + factor lam2`` [N/m]: the part of the multipliers that is determined."""
+    """Determined combination of the multipliers, ``lam1 + factor lam2`` [N/m]."""
     return float(lam[0] + factor * lam[1])
 
 
 def sketch(q: Vector) -> dict[str, Vector]:
-    """Pivot and bob as ``points`` (2, 2), two rods, support and bob as ``lines`` (23, 2, 2) [m]."""
+    """Drawing at ``q``: pivot and bob as ``points`` (2, 2), two rods, support and bob as ``lines`` (23, 2, 2) [m]."""
     bob = np.asarray(q, dtype=float)
     lines = pendulum_lines(np.zeros(2), bob, 0.08 * float(np.linalg.norm(bob)))
     aside = 0.02 * np.array([-bob[1], bob[0]])
@@ -70,7 +70,7 @@ def problem(
     amplitude: float = math.pi / 3,
     t_end: float = 5.0,
 ) -> Problem:
-    """The pendulum let go at rest, over [0, ``t_end``] [s].
+    """Make the problem: the pendulum let go at rest, over [0, ``t_end``] [s].
 
     Parameters
     ----------

@@ -61,38 +61,38 @@ class RollingDisk(System):
         return self.m * self.R**2 / 4 * jnp.array([1.0, 1.0, 2.0])
 
     def mass_matrix(self, t: Array, q: Array) -> Array:
-        """(7, 7): ``m`` three times and the block of the quaternion."""
+        """Mass matrix: (7, 7): ``m`` three times and the block of the quaternion."""
         block = rotational_mass(q[3:], self.inertia, self.j0)
         return jnp.zeros((7, 7)).at[:3, :3].set(self.m * jnp.eye(3)).at[3:, 3:].set(block)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight and the terms quadratic in p', (7,)."""
+        """Applied force: weight and the terms quadratic in p', (7,)."""
         weight = jnp.zeros(3).at[2].set(-self.m * self.g)
         return jnp.concatenate([weight, rotational_force(q[3:], v[3:], self.inertia)])
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Norm of the quaternion and height of the centre, (2,) [1, m]."""
+        """Position constraints: norm of the quaternion and height of the centre, (2,) [1, m]."""
         return jnp.stack([norm_rows(q[3:]), q[2] - self.R * jnp.sqrt(1 - rotation(q[3:])[2, 2] ** 2)])
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
-        """Horizontal velocity of the point of contact, (2,) [m/s]."""
+        """Velocity constraints: horizontal velocity of the point of contact, (2,) [m/s]."""
         a = rotation(q[3:])[:, 2]
         rho = -self.R * (jnp.array([0.0, 0.0, 1.0]) - a[2] * a) / jnp.sqrt(1 - a[2] ** 2)
         return velocity_at(q, v, [0], rho[None])[0, :2]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]; j0 takes no part."""
+        """Kinetic and gravitational energy [J]; j0 does not contribute."""
         w = body_rate(q[3:], v[3:])
         return (self.m * v[:3] @ v[:3] + w @ (self.inertia * w)) / 2 + self.m * self.g * q[2]
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Axial rate w3 and inclination: constant in the steady motion."""
+        """Invariants: axial rate w3 and inclination: constant in the steady motion."""
         return {"axial_rate": body_rate(q[3:], v[3:])[2], "axis_height": rotation(q[3:])[2, 2]}
 
 
 @dataclass(frozen=True)
 class Steady:
-    """One steady motion."""
+    """Parameters of one steady motion."""
 
     m: float  #: [kg]
     R: float  #: [m]
@@ -103,7 +103,7 @@ class Steady:
 
     @property
     def w3(self) -> float:
-        """Rate about the axis of the disk [rad/s]; with it the weight's moment holds the inclination."""
+        """Angular velocity about the disk's axis [rad/s] for which the weight's moment holds the inclination."""
         A, C, sin, cos = self.m * self.R**2 / 4, self.m * self.R**2 / 2, math.sin(self.theta), math.cos(self.theta)
         return (A * self.Om**2 * sin * cos - self.m * self.g * self.R * cos) / ((C + self.m * self.R**2) * self.Om * sin)
 
@@ -133,7 +133,7 @@ def exact(steady: Steady, t: float) -> Motion:
 
 
 def sketch(R: float, q: Vector) -> dict[str, Vector]:
-    """Centre and tip of the axis as ``points`` (2, 3), axis and rim as ``lines`` (25, 2, 3) [m]."""
+    """Drawing at ``q``: centre and tip of the axis as ``points`` (2, 3), axis and rim as ``lines`` (25, 2, 3) [m]."""
     first, second, a = np.asarray(rotation(q[3:])).T
     angles = np.linspace(0.0, 2 * math.pi, 25)
     rim = q[:3] + R * (np.outer(np.cos(angles), first) + np.outer(np.sin(angles), second))
@@ -157,7 +157,7 @@ def problem(
     j0: float | None = None,
     t_end: float = 5.0,
 ) -> Problem:
-    """The disk in steady motion over [0, ``t_end``] [s].
+    """Make the problem: the disk in steady motion over [0, ``t_end``] [s].
 
     Parameters
     ----------

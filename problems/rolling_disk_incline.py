@@ -44,25 +44,25 @@ class RollingDisk(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (4,) [kg, kg, kg m^2, kg m^2]."""
+        """Mass matrix: diagonal (4,) [kg, kg, kg m^2, kg m^2]."""
         return jnp.stack([self.m, self.m, self.Iflip, self.Irot])
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight along the slope, (4,)."""
+        """Applied force: weight along the slope, (4,)."""
         pull = self.m * self.gs
         return jnp.stack([pull, *[jnp.zeros_like(pull)] * 3])
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
-        """Slip of the contact point, (2,) [m/s]."""
+        """Velocity constraints: slip of the contact point, (2,) [m/s]."""
         rolling = self.R * v[3]
         return jnp.stack([v[0] - rolling * jnp.cos(q[2]), v[1] - rolling * jnp.sin(q[2])])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 - self.m * self.gs * q[0]
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """The turning rate [rad/s]: nothing exerts a moment about the vertical diameter."""
+        """Invariants: the turning rate [rad/s]: nothing exerts a moment about the vertical diameter."""
         return {"turning_rate": v[2]}
 
 
@@ -84,7 +84,8 @@ def exact(m: float, R: float, gs: float, k: float, Om: float, spin: float, t: fl
 
 
 def sketch(R: float, q: Vector) -> dict[str, Vector]:
-    """Contact and centre as ``points`` (2, 3), rim and four spokes as ``lines`` (28, 2, 3) [m], third axis off the slope.
+    """Drawing at ``q``: contact and centre as ``points`` (2, 3), rim and four spokes as ``lines`` (28, 2, 3) [m], third
+    axis off the slope.
 
     The spokes turn with the rolling angle.
     """
@@ -112,7 +113,7 @@ def problem(
     spin: float = 2.0,
     t_end: float = 5.0,
 ) -> Problem:
-    """The disk over [0, ``t_end``] [s]; it heads down the slope at the start.
+    """Make the problem: the disk over [0, ``t_end``] [s]; it heads down the slope at the start.
 
     Parameters
     ----------

@@ -48,24 +48,24 @@ class RollingSphere(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (6,): m twice [kg], 4 J four times [kg m^2]."""
+        """Mass matrix: diagonal (6,): m twice [kg], 4 J four times [kg m^2]."""
         return self.m * jnp.concatenate([jnp.ones(2), jnp.full(4, 1.6) * self.R**2])
 
     @property
     def circling_rate(self) -> Array:
-        """``k`` [rad/s]."""
+        """Angular velocity ``k`` of the centre on its circle [rad/s]."""
         return 2 * self.Om / 7
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Zero, (6,)."""
+        """Applied force: zero, (6,)."""
         return jnp.zeros(6)
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Norm of the quaternion, (1,)."""
+        """Position constraints: norm of the quaternion, (1,)."""
         return norm_rows(q[2:])[None]
 
     def velocity_constraint(self, t: Array, q: Array, v: Array) -> Array:
-        """Velocity of the point of contact over the table, (2,) [m/s]."""
+        """Velocity constraints: velocity of the point of contact over the table, (2,) [m/s]."""
         w = space_rate(q[2:], v[2:])
         return jnp.stack([v[0] - self.R * w[1] + self.Om * q[1], v[1] + self.R * w[0] - self.Om * q[0]])
 
@@ -74,11 +74,11 @@ class RollingSphere(System):
         return jnp.sum(self.mass_matrix * v**2) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """Work of the turning table in a second [W]."""
+        """Power of the turning table [W]."""
         return self.Om * (mu[0] * q[1] - mu[1] * q[0])
 
     def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Spin about the vertical [rad/s] and, times k, the centre of the circle [m/s]."""
+        """Invariants: spin about the vertical [rad/s] and, times k, the centre of the circle [m/s]."""
         k = self.circling_rate
         return {"spin": space_rate(q[2:], v[2:])[2], "circle_x": k * q[0] - v[1], "circle_y": k * q[1] + v[0]}
 
@@ -89,7 +89,8 @@ def centre(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
 
 
 def sketch(R: float, table: float, q: Vector) -> dict[str, Vector]:
-    """Axis of the table and centre as ``points`` (2, 3); rim of the table, three great circles of the sphere that turn with
+    """Drawing at ``q``: axis of the table and centre as ``points`` (2, 3); rim of the table, three great circles of the
+    sphere that turn with
     it and its radius to a mark as ``lines`` (121, 2, 3) [m].
     """
     frame, middle = np.asarray(rotation(q[2:])).T, np.array([q[0], q[1], R])
@@ -113,7 +114,7 @@ def problem(
     wz: float = 1.0,
     t_end: float = 10.0,
 ) -> Problem:
-    """The rolling sphere over [0, ``t_end``] [s].
+    """Make the problem: the rolling sphere over [0, ``t_end``] [s].
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ class SimplePendulum(Bob):
     """``q = (x, y)``; scalar mass, one position constraint."""
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Length of the rod, (1,) [m^2]."""
+        """Position constraints: length of the rod, (1,) [m^2]."""
         return jnp.stack([q @ q - self.L**2])
 
 
@@ -48,7 +48,7 @@ def exact(m: float, L: float, g: float, amplitude: float, t: float) -> Motion:
 def problem(
     *, m: float = 1.0, L: float = 1.0, g: float = 9.81, amplitude: float = -math.pi / 2, t_end: float = 10.0
 ) -> Problem:
-    """The pendulum let go at rest, over [0, ``t_end``] [s].
+    """Make the problem: the pendulum let go at rest, over [0, ``t_end``] [s].
 
     Parameters
     ----------

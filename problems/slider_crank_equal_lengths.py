@@ -50,14 +50,14 @@ class SliderCrank(System):
     g: Array = parameter(9.81, doc="gravity [m/s^2]")
 
     def mass_matrix(self, t: Array, q: Array) -> Array:
-        """(3, 3) [kg m^2, kg m^2, kg]."""
+        """Mass matrix: (3, 3) [kg m^2, kg m^2, kg]."""
         inertia = self.m * self.l**2
         coupled = inertia * jnp.cos(q[0] - q[1]) / 2
         entries = jnp.stack([4 * inertia / 3, coupled, coupled, inertia / 3, self.m_slider])
         return jnp.zeros((3, 3)).at[np.array([0, 0, 1, 1, 2]), np.array([0, 1, 0, 1, 2])].set(entries)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight and the terms quadratic in v, (3,) [N m, N m, N]."""
+        """Applied force: weight and the terms quadratic in v, (3,) [N m, N m, N]."""
         coupled = self.m * self.l**2 * jnp.sin(q[0] - q[1]) / 2
         weight = self.m * self.g * self.l / 2
         crank = -coupled * v[1] ** 2 - 3 * weight * jnp.cos(q[0])
@@ -65,12 +65,12 @@ class SliderCrank(System):
         return jnp.stack([crank, rod, jnp.zeros_like(rod)])
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """The rod ends at the slider, along and across the rail, (2,) [m]."""
+        """Position constraints: the rod ends at the slider, along and across the rail, (2,) [m]."""
         a, b, x = q
         return self.l * jnp.stack([jnp.cos(a) + jnp.cos(b), jnp.sin(a) + jnp.sin(b)]) - jnp.stack([x, jnp.zeros_like(x)])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         height = self.l * (3 * jnp.sin(q[0]) + jnp.sin(q[1])) / 2
         return v @ self.mass_matrix(t, q) @ v / 2 + self.m * self.g * height
 
@@ -86,7 +86,9 @@ def crank_rate(t: float, q: Vector, v: Vector, lam: Vector) -> float:
 
 
 def sketch(l: float, q: Vector) -> dict[str, Vector]:  # noqa: E741
-    """Pin, joint and slider as ``points`` (3, 2); crank, rod, rail, slider and support as ``lines`` (16, 2, 2) [m]."""
+    """Drawing at ``q``: pin, joint and slider as ``points`` (3, 2); crank, rod, rail, slider and support as ``lines`` (16,
+    2, 2) [m].
+    """
     a, _, x = q
     pin, joint, slider = np.zeros(2), l * np.array([math.cos(a), math.sin(a)]), np.array([x, 0.0])
     corners = slider + l * np.array([[-0.15, -0.1], [0.15, -0.1], [0.15, 0.1], [-0.15, 0.1]])
@@ -106,7 +108,8 @@ def problem(
     rate: float = 4.0,
     t_end: float = 2.0,
 ) -> Problem:
-    """The mechanism over [0, ``t_end``] [s]; with the default values it meets a singular position first near 0.25 s.
+    """Make the problem: the mechanism over [0, ``t_end``] [s]; with the default values it meets a singular position first
+    near 0.25 s.
 
     Parameters
     ----------

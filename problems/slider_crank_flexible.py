@@ -60,13 +60,13 @@ class FlexibleSliderCrank(System):
 
     @property
     def modal_mass(self) -> Array:
-        """MQ (4, 4) [kg]."""
+        """Modal mass matrix MQ (4, 4) [kg] of the elastic rod."""
         entries = np.array([[0.5, 0, 0, 0], [0, 0.5, 0, 0], [0, 0, 8, 1], [0, 0, 1, 2]])
         return self.rho * self.B * self.H * self.L2 * entries
 
     @property
     def stiffness(self) -> Array:
-        """KQ (4, 4) [N/m]: bending, stretching."""
+        """Stiffness matrix KQ (4, 4) [N/m] of the elastic rod: bending, stretching."""
         bending = np.diag([PI**4 / 24, PI**4 * 2 / 3, 0, 0])
         stretching = np.zeros((4, 4))
         stretching[2:, 2:] = [[16 / 3, -8 / 3], [-8 / 3, 7 / 3]]
@@ -74,21 +74,21 @@ class FlexibleSliderCrank(System):
 
     @property
     def gyroscopic(self) -> Array:
-        """BQ (4, 4) [m^3], antisymmetric: integrals of shape across times shape along."""
+        """Antisymmetric gyroscopic matrix BQ (4, 4) [m^3]: integrals of transverse times axial shapes."""
         upper = np.zeros((4, 4))
         upper[0, 2:], upper[1, 3] = (-16 / PI**3, 8 / PI**3 - 1 / PI), 1 / (2 * PI)
         return self.B * self.H * self.L2 * (upper - upper.T)
 
     @property
     def shape_integrals(self) -> tuple[Array, Array, Array, Array]:
-        """c1, c2 [m^3] and c12, c21 [m^4], (4,) each: integrals of the shapes and of their moments."""
+        """Integrals c1, c2 [m^3] and c12, c21 [m^4] of the shapes and of their moments, (4,) each."""
         volume = self.B * self.H * self.L2
         along, across = np.array([0, 0, 2 / 3, 1 / 6]), np.array([2 / PI, 0, 0, 0])
         moment_along, moment_across = np.array([0, 0, 1 / 3, 1 / 6]), np.array([1 / PI, -1 / (2 * PI), 0, 0])
         return volume * along, volume * across, volume * self.L2 * moment_along, volume * self.L2 * moment_across
 
     def mass_matrix(self, t: Array, q: Array) -> Array:
-        """(7, 7) [kg m^2, kg m, kg]."""
+        """Mass matrix: (7, 7) [kg m^2, kg m, kg]."""
         Q, C, S = q[3:], jnp.cos(q[0] - q[1]), jnp.sin(q[0] - q[1])
         c1, c2, c12, c21 = self.shape_integrals
         MQ = self.modal_mass
@@ -101,7 +101,7 @@ class FlexibleSliderCrank(System):
         return jnp.block([[rigid, side], [side.T, MQ]])
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Stiffness and the terms quadratic in v, (7,)."""
+        """Applied force: stiffness and the terms quadratic in v, (7,)."""
         Q, C, S = q[3:], jnp.cos(q[0] - q[1]), jnp.sin(q[0] - q[1])
         V1, V2, rate = v[0], v[1], v[3:]
         c1, c2, c12, _ = self.shape_integrals
@@ -115,7 +115,7 @@ class FlexibleSliderCrank(System):
         return jnp.concatenate([jnp.stack([crank, rod, jnp.zeros_like(rod)]), elastic])
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """The rod's end in the slider (across, along) and the drive, (3,) [m, m, rad]."""
+        """Position constraints: the rod's end in the slider (across, along) and the drive, (3,) [m, m, rad]."""
         end = self.L2 + q[6]
         return jnp.stack(
             [
@@ -130,22 +130,23 @@ class FlexibleSliderCrank(System):
         return (v @ self.mass_matrix(t, q) @ v + q[3:] @ self.stiffness @ q[3:]) / 2
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """What the drive feeds in, ``lam . g_t`` [W]."""
+        """Power of the drive, ``lam . g_t`` [W]."""
         return -self.Om * lam[2]
 
 
 def deflection(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """Of the rod's middle, across the rod [m]."""
+    """Transverse deflection of the rod's middle [m]."""
     return float(q[3])
 
 
 def slider(t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """Place of the slider [m]."""
+    """Position of the slider [m]."""
     return float(q[2])
 
 
 def sketch(L1: float, L2: float, q: Vector) -> dict[str, Any]:
-    """Bearing, B, slider as ``points`` (3, 2); crank, bent rod, slider, guide and support as ``lines`` (31, 2, 2) [m].
+    """Drawing at ``q``: bearing, B, slider as ``points`` (3, 2); crank, bent rod, slider, guide and support as ``lines``
+    (31, 2, 2) [m].
 
     Deflections across the rod are drawn ``MAGNIFIED`` times.
     """
@@ -165,9 +166,9 @@ def sketch(L1: float, L2: float, q: Vector) -> dict[str, Any]:
 
 
 def typical_sizes(s: FlexibleSliderCrank) -> Scales:
-    """From the inertia of rod and slider, ``(M2 + M3) L1 Om^2``, and the rod's stiffness against it.
+    """Scales from the inertia of rod and slider, ``(M2 + M3) L1 Om^2``, and the rod's stiffness.
 
-    Bending follows the drive with overtones of about 3 Om, stretching vibrates at the rod's own rate.
+    Bending follows the drive with overtones of about 3 Om, stretching vibrates at the rod's own frequency.
     """
     L1, L2, Om, load = float(s.L1), float(s.L2), float(s.Om), float((s.M2 + s.M3) * s.L1 * s.Om**2)
     bend = float(s.M2 * s.L1 * s.Om**2) / 2 / np.diag(np.asarray(s.stiffness))[:2]
@@ -180,7 +181,7 @@ def typical_sizes(s: FlexibleSliderCrank) -> Scales:
 
 
 def problem(*, E: float = 2e11, M3: float = 0.075552, Om: float = 150.0, t_end: float = 0.1) -> Problem:
-    """The mechanism over [0, ``t_end``] [s], started as if it were rigid.
+    """Make the problem: the mechanism over [0, ``t_end``] [s], started as if it were rigid.
 
     Parameters
     ----------

@@ -35,7 +35,7 @@ STEMS = {1e2: "k1e2", 1e4: "k1e4", 1e6: "k1e6", 1e8: "k1e8", 1e12: "k1e12", math
 
 
 class RigidPendulum(System):
-    """The limit of a rigid spring: ``q = (x1, y1, x2, y2)``, constant mass, two rods."""
+    """Double pendulum as the limit of a rigid spring: ``q = (x1, y1, x2, y2)``, constant mass, two rods."""
 
     m: Array = parameter((1.0, 1.0), doc="masses m1, m2 [kg]")
     l: Array = parameter((1.0, 1.0), doc="free length l1 of the spring, length l2 of the rod [m]")  # noqa: E741
@@ -43,40 +43,40 @@ class RigidPendulum(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (4,) [kg]."""
+        """Mass matrix: diagonal (4,) [kg]."""
         return jnp.repeat(self.m, 2)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight, (4,) [N]."""
+        """Applied force: weight, (4,) [N]."""
         return jnp.outer(-self.m * self.g, jnp.array([0.0, 1.0])).ravel()
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Lengths of both rods, (2,) [m^2]."""
+        """Position constraints: lengths of both rods, (2,) [m^2]."""
         first, second = q[:2], q[2:] - q[:2]
         return (jnp.stack([first @ first, second @ second]) - self.l**2) / 2
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy and height [J]."""
+        """Kinetic and gravitational energy [J]."""
         return jnp.sum(self.mass_matrix * v**2) / 2 + self.g * (self.m @ q[1::2])
 
 
 class SpringPendulum(RigidPendulum):
-    """A spring in place of the first rod; one constraint is left."""
+    """The pendulum with a spring in place of the first rod and one constraint."""
 
     k: Array = parameter(1e4, doc="stiffness of the spring [N/m]")
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Weight and spring, (4,) [N]."""
+        """Applied force: weight and spring, (4,) [N]."""
         length = jnp.sqrt(q[:2] @ q[:2])
         pull = -self.k * (length - self.l[0]) / length * q[:2]
         return super().force(t, q, v) + jnp.pad(pull, (0, 2))
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Length of the rod, (1,) [m^2]."""
+        """Position constraints: length of the rod, (1,) [m^2]."""
         return super().constraint(t, q)[1:]
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic energy, height and spring [J]."""
+        """Kinetic, gravitational and spring energy [J]."""
         length = jnp.sqrt(q[:2] @ q[:2])
         return super().energy(t, q, v) + self.k * (length - self.l[0]) ** 2 / 2
 
@@ -87,7 +87,9 @@ def tip(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
 
 
 def sketch(rigid: bool, q: Vector) -> dict[str, Vector]:
-    """Pin and both masses as ``points`` (3, 2), spring (a zigzag, or a rod), rod and support as ``lines`` [m]."""
+    """Drawing at ``q``: pin and both masses as ``points`` (3, 2), spring (a zigzag, or a rod), rod and support as ``lines``
+    [m].
+    """
     points = np.vstack([np.zeros(2), np.asarray(q).reshape(2, 2)])
     rods, size = chain(points), 0.06 * float(np.linalg.norm(points[2] - points[1]))
     first = rods[:1] if rigid else spring_lines(points[0], points[1], COILS, 1.4 * size)
@@ -95,7 +97,7 @@ def sketch(rigid: bool, q: Vector) -> dict[str, Vector]:
 
 
 def is_rigid(stiffness: Any) -> bool:
-    """Whether the rigid limit is asked for; a spec can only say the word ``inf``."""
+    """True for infinite ``stiffness``; a spec can only give it as the word ``inf``."""
     return (isinstance(stiffness, str) and stiffness == "inf") or (isinstance(stiffness, float) and stiffness == math.inf)
 
 
@@ -109,7 +111,7 @@ def problem(
     g: float = 9.81,
     t_end: float = 1.0,
 ) -> Problem:
-    """Both points on the x axis at rest, over [0, ``t_end``] [s].
+    """Make the problem: both points on the x axis at rest, over [0, ``t_end``] [s].
 
     Parameters
     ----------

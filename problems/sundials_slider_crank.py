@@ -53,17 +53,17 @@ class SpringSliderCrank(System):
 
     @property
     def mass_matrix(self) -> Array:
-        """Diagonal (3,) [kg m^2, kg, kg m^2]."""
+        """Mass matrix: diagonal (3,) [kg m^2, kg, kg m^2]."""
         return jnp.stack([self.J1, self.m2, self.J2])
 
     def spring(self, q: Array) -> Array:
-        """d, from the middle of the crank to the middle of the rod, (2,) [m]."""
+        """Vector d of the spring, from the middle of the crank to the middle of the rod, (2,) [m]."""
         return jnp.stack(
             [q[1] - (jnp.cos(q[2]) + self.a * jnp.cos(q[0])) / 2, -(jnp.sin(q[2]) + self.a * jnp.sin(q[0])) / 2]
         )
 
     def spring_jacobian(self, q: Array) -> Array:
-        """dd/dq, (2, 3)."""
+        """Jacobian dd/dq of the spring vector, (2, 3)."""
         one, crank, rod = jnp.ones_like(q[0]), self.a / 2, 0.5
         return jnp.stack(
             [
@@ -73,23 +73,23 @@ class SpringSliderCrank(System):
         )
 
     def spring_length(self, q: Array) -> Array:
-        """l [m]; above 0 while the slider is right of the crank's bearing."""
+        """Spring length l [m], positive while the slider is right of the crank's bearing."""
         d = self.spring(q)
         return jnp.sqrt(d @ d)
 
     def spring_rate(self, q: Array, v: Array) -> Array:
-        """l' [m/s]."""
+        """Rate l' of the spring length [m/s]."""
         return self.spring(q) @ (self.spring_jacobian(q) @ v) / self.spring_length(q)
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Spring, damper and F, (3,) [N m, N, N m]."""
+        """Applied force: spring, damper and F, (3,) [N m, N, N m]."""
         length = self.spring_length(q)
         f = (self.k * (length - self.l0) + self.c * self.spring_rate(q, v)) / length
         drive = self.F * jnp.stack([jnp.zeros_like(q[0]), jnp.ones_like(q[0]), -jnp.sin(q[2])])
         return drive - f * (self.spring_jacobian(q).T @ self.spring(q))
 
     def constraint(self, t: Array, q: Array) -> Array:
-        """Both bars meet in B, (2,) [m]."""
+        """Position constraints: both bars meet in B, (2,) [m]."""
         return jnp.stack([q[1] - jnp.cos(q[2]) - self.a * jnp.cos(q[0]), -jnp.sin(q[2]) - self.a * jnp.sin(q[0])])
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
@@ -98,17 +98,19 @@ class SpringSliderCrank(System):
         return (jnp.sum(self.mass_matrix * v**2) + self.k * stretch**2) / 2 - self.F * (q[1] + jnp.cos(q[2]))
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """What the damper takes [W]."""
+        """Power of the damper [W]."""
         return -self.c * self.spring_rate(q, v) ** 2
 
 
 def kinetic_energy(masses: tuple[float, float, float], t: float, q: Vector, v: Vector, lam: Vector) -> float:
-    """The source integrates it over time [J]."""
+    """Kinetic energy [J], which the source integrates over time."""
     return float(np.array(masses) @ np.asarray(v) ** 2 / 2)
 
 
 def sketch(a: float, q: Vector) -> dict[str, Vector]:
-    """Joints as ``points`` (3, 2); bars, damper, spring, slider, guide and support as ``lines`` (29, 2, 2) [m]."""
+    """Drawing at ``q``: joints as ``points`` (3, 2); bars, damper, spring, slider, guide and support as ``lines`` (29, 2,
+    2) [m].
+    """
     O, B, slider = np.zeros(2), a * np.array([np.cos(q[0]), np.sin(q[0])]), np.array([q[1], 0.0])  # noqa: E741
     corners = slider + np.array([(-0.1, -0.06), (0.1, -0.06), (0.1, 0.06), (-0.1, 0.06)])
     outline = [(corners[i], corners[i - 3]) for i in range(4)]
@@ -134,7 +136,7 @@ def problem(
     F: float = 1.0,
     t_end: float = 10.0,
 ) -> Problem:
-    """The slider crank from rest over [0, ``t_end``] [s].
+    """Make the problem: the slider crank from rest over [0, ``t_end``] [s].
 
     Parameters
     ----------

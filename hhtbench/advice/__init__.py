@@ -1,1 +1,1 @@
-"""From rows to a decision: the trade of error against cost on one's own scene, and advice with measured regret."""
+"""Choose a solver: error against cost measured on one's own problem, and advice from known problems with its regret."""

@@ -1,4 +1,4 @@
-"""Who is asked: one way or two of every kind of solver, in the order of a rule of thumb."""
+"""Candidate solvers: one or two of every kind, in the order of a rule of thumb."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Candidate:
 
     @property
     def entry(self) -> str:
-        """As the analysis names its curve (:func:`hhtbench.campaign.analysis.cells.entry_of`)."""
+        """Name of its curve in the analysis (:func:`hhtbench.campaign.analysis.cells.entry_of`)."""
         name = canonical(self.spec).replace("'", "").replace('"', "")
         return name if self.refine == "rtol" else name + CONSTANT
 
@@ -41,7 +41,7 @@ CANDIDATES = (  # first the smooth, then what holds constraints, then the stiff:
 
 
 def campaign_for(problems: Sequence[str], candidates: Iterable[Candidate], **fields: object) -> Campaign:
-    """A campaign of ``candidates`` on ``problems``; ``fields`` are those of a Campaign."""
+    """Return a campaign of ``candidates`` on ``problems``; ``fields`` are further fields of Campaign."""
     chosen = list(candidates)
     grids = tuple(
         Grid(problems=tuple(problems), solvers=solvers, refine=refine)

@@ -1,4 +1,4 @@
-"""What a solver is chosen by: errors, a bound of the drift, and what to minimise."""
+"""Criteria for choosing a solver: errors, a bound on the drift, and what to minimise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hhtbench.protocol.errors import ProblemError
 
 @dataclass(frozen=True, kw_only=True)
 class Criteria:
-    """Checked when it is made: a value out of its range or no number is a ``ProblemError`` or ``TypeError``."""
+    """Target errors, drift bound and cost measure; checked when made (``ProblemError`` or ``TypeError``)."""
 
     accuracies: Sequence[float]  #: scaled errors of q and v, the loosest first
     on: str = "time"  #: what to minimise: "time" (of a processor) or "evaluations"
@@ -34,7 +34,7 @@ class Criteria:
 
 
 def accuracies_of(text: str) -> tuple[float, ...]:
-    """``1e-2..1e-6`` (by decades, both ends included), ``1e-4`` or ``1e-3, 1e-5``; else a ``ProblemError``."""
+    """Parse errors: ``1e-2..1e-6`` (by decades, both ends included), ``1e-4`` or ``1e-3, 1e-5``; else a ``ProblemError``."""
     first, dots, last = text.partition("..")
     try:
         if not dots:

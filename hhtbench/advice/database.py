@@ -1,4 +1,4 @@
-"""Rows of campaigns reduced to what advice needs: features of every problem, and what each solver paid for each error.
+"""Database for advice: features of every known problem, and the cost of each solver for each error.
 
 The one that comes with the package is made by ``hhtbench study selection --store FILE --database FILE``.
 """
@@ -29,31 +29,31 @@ from hhtbench.protocol.errors import ProblemError
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 HELD = (None, 1e-10)  #: bounds of the drift: none, and what projection and HHT keep
-VERSIONS = ("hhtbench", "numpy", "scipy", "jax", "scikit-sundae")  #: of which the rows say what they were made with
-PARTS = 100.0  # of a decade, to which a cost is rounded: 2 %
+VERSIONS = ("hhtbench", "numpy", "scipy", "jax", "scikit-sundae")  #: libraries whose versions are stored
+PARTS = 100.0  # costs are rounded to this fraction of a decade: 2 %
 KIND = {"schema": "hhtbench.advice/1", "accuracies": list(ACCURACIES), "features": list(NAMES)}  # of a file
 KEYS = {(on, bound): on if bound is None else f"{on}, drift {bound:g}" for on, bound in product(MEASURES, HELD)}
 
 
 @dataclass(frozen=True)
 class Scene:
-    """One problem."""
+    """Features and measured costs of one known problem."""
 
     spec: str
     features: Features
     costs: Mapping[tuple[str, float | None], Matrix]  #: (measure, bound) -> (entries, accuracies); infinite: not reached
-    probe_evaluations: float  #: what the probe's accelerations count as, beside the evaluations of ``costs``
+    probe_evaluations: float  #: cost of the probe's accelerations in evaluations as in ``costs``
     probe_seconds: float  #: [s]
 
     @property
     def family(self) -> str:
-        """Problems that differ by their parameters are one family."""
+        """Name of the problem without parameters."""
         return family_of(self.spec)
 
 
 @dataclass(frozen=True)
 class Database:
-    """What solvers paid on known problems."""
+    """Costs of solvers on known problems."""
 
     entries: tuple[str, ...]  #: solvers, as the analysis names them
     scenes: tuple[Scene, ...]
@@ -68,18 +68,20 @@ class Database:
 
     @cached_property
     def ratios(self) -> Mapping[tuple[str, float | None], NDArray[np.float64]]:
-        """(measure, bound) -> costs over the cheapest, (scenes, entries, accuracies); NaN where none reaches the error."""
+        """(measure, bound) -> costs divided by the cheapest, (scenes, entries, accuracies); NaN where none reaches the
+        error.
+        """
         costs = {key: np.array([scene.costs[key] for scene in self.scenes]) for key in self.scenes[0].costs}
         with np.errstate(invalid="ignore"):
             return {key: table / table.min(axis=1, keepdims=True) for key, table in costs.items()}
 
     def refusal(self) -> str:
-        """Why its times say nothing here, or "": another machine, or other versions."""
+        """Return why its times do not apply here (another machine, other versions), or ""."""
         why = foreign(self.clock, self.versions)
         return f"the database's times are of {why}" if why else ""
 
     def of_entries(self, keep: Callable[[str], bool]) -> Database:
-        """The part of the solvers that ``keep`` keeps."""
+        """Return the part with the solvers for which ``keep`` is true."""
         chosen = [index for index, entry in enumerate(self.entries) if keep(entry)]
         scenes = tuple(
             replace(scene, costs={key: table[chosen] for key, table in scene.costs.items()}) for scene in self.scenes
@@ -87,12 +89,12 @@ class Database:
         return replace(self, entries=tuple(self.entries[index] for index in chosen), scenes=scenes)
 
     def without(self, keep: Callable[[Scene], bool]) -> Database:
-        """The part whose scenes ``keep`` keeps."""
+        """Return the part with the scenes for which ``keep`` is true."""
         return replace(self, scenes=tuple(scene for scene in self.scenes if keep(scene)))
 
 
 def foreign(clock: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
-    """How the machine or the libraries that took a time differ from those here, or ""."""
+    """Describe how machine or libraries of a measured time differ from those here; "" if they do not."""
     facts = machine_facts()
     if clock_of(facts) != dict(clock):
         return f"another machine ({clock.get('processor')}, {clock.get('cores')} cores)"
@@ -101,12 +103,12 @@ def foreign(clock: Mapping[str, Any], versions: Mapping[str, Any]) -> str:
 
 
 def versions_of(environment: Mapping[str, Any]) -> dict[str, str]:
-    """The part of a row's environment that says what it was made with."""
+    """Return the libraries' versions in a row's environment."""
     return {name: str(environment[name]) for name in VERSIONS if name in environment}
 
 
 def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
-    """The database of all problems of ``rows`` that have a probe, and on which an error was reached."""
+    """Reduce rows to the database of all problems that have a probe and on which an error was reached."""
     known = [row for row in analysis.newest(rows).rows if row.problem in probes]
     if not known:
         raise ProblemError("the store holds no row of a problem whose features can be computed.")
@@ -134,7 +136,7 @@ def reduced(rows: Sequence[RunRow], probes: Mapping[str, Probe]) -> Database:
 
 
 def write_database(database: Database, file: Path, command: str) -> None:
-    """As JSON, a scene a line; costs as hundredths of their logarithm to base ten, null where an error was not reached."""
+    """Write JSON, one scene per line; costs as hundredths of their decimal logarithm, null where not reached."""
     fields = {name: getattr(database, name) for name in ("entries", "clock", "versions", "budget")}
     lines = [json.dumps(_plain(scene), separators=(",", ":")) for scene in database.scenes]
     head = json.dumps({**KIND, "command": command, **fields}, indent=1)[:-2]
@@ -142,7 +144,7 @@ def write_database(database: Database, file: Path, command: str) -> None:
 
 
 def read_database(file: Path | None = None) -> Database:
-    """Of ``file``; None: the one that comes with the package.
+    """Read a database from ``file``; None: the one that comes with the package.
 
     Raises
     ------

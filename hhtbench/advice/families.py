@@ -1,6 +1,6 @@
-"""Scenes drawn from the library's families: sizes, masses, stiffnesses, spans and starts, uniform in wide ranges.
+"""Random scenes from the library's problems: sizes, masses, stiffnesses, spans and starts, uniform in wide ranges.
 
-What the shipped database is made of, with the library's own scenes, and what ``hhtbench study selection`` judges advice on.
+The shipped database consists of these and the library's own scenes; ``hhtbench study selection`` judges advice on them.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ FAMILIES: Mapping[str, Mapping[str, Range]] = {
     "stiff_spring_pendulum": {"stiffness": (1e3, 1e6), "m2": (0.3, 3.0), "t_end": (0.3, 2.0)},
     "sundials_slider_crank": {"F": (0.3, 3.0), "k": (0.3, 3.0), "c": (0.1, 2.0), "t_end": (3.0, 15.0)},
 }
-WIDE = 10.0  # ranges whose ends differ by more are drawn by their logarithm
+WIDE = 10.0  # ranges whose ends differ by a larger factor are drawn log-uniformly
 
 
 def drawn(seed: int = SEED, each: int = EACH) -> tuple[str, ...]:
-    """Specs of ``each`` scenes of every family, the same for the same seed."""
+    """Return specs of ``each`` random scenes of every family, reproducible by ``seed``."""
     random = np.random.default_rng(seed)
     specs = []
     for family, ranges in FAMILIES.items():
@@ -59,12 +59,12 @@ def drawn(seed: int = SEED, each: int = EACH) -> tuple[str, ...]:
 
 
 def family_of(spec: str) -> str:
-    """The library's name in a spec; of a file its name in that file."""
+    """Return the problem's name in a spec, without its parameters."""
     return spec.partition("(")[0]
 
 
 def _value(random: np.random.Generator, low: float, high: float) -> str:
-    """Three digits are enough: the spec is read by people."""
+    """Draw one parameter as text with three digits: whole numbers, or reals, log-uniform in wide ranges."""
     if isinstance(low, int) and isinstance(high, int):
         return str(int(random.integers(low, high + 1)))
     if 0 < WIDE * low < high:

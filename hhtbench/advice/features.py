@@ -1,4 +1,4 @@
-"""What is known of a problem before anybody solves it: sizes, kinds of constraints, its fastest mode, its own pace."""
+"""Features of a problem before any solve: sizes, kinds of constraints, its fastest mode, the time scale of its motion."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError, Stop
 from hhtbench.protocol.system import Problem
 
-MOMENTS = (0.1, 0.4)  # of the interval: when forces that depend on time are evaluated too, in the state of the start
-LEAST = 1e-3  # of a turn in the interval: what is slower stands still
+MOMENTS = (0.1, 0.4)  # shares of the interval: later times at which forces are evaluated in the state of the start
+MIN_TURNS = 1e-3  # smallest number of turns in the interval; slower motions count as this
 
 
 @dataclass(frozen=True, kw_only=True)
 class Features:
-    """Numbers that say which solvers may be the cheapest; logarithms to base ten where sizes range widely."""
+    """Numbers by which problems are compared; decimal logarithms where sizes range widely."""
 
     size: float  #: log of n
     position: float  #: m / n
@@ -28,17 +28,17 @@ class Features:
     redundant: float  #: 1 where rows of the constraints depend on others at the start
     variable_mass: float  #: 1 where the mass depends on t or q
     fastest: float  #: log of the turns (or times 2 pi, decays) of the fastest mode in the interval; at least ``pace``
-    pace: float  #: the same of the motion itself at the start
-    damping: float  #: of the fastest mode, 0 (it swings) to 1 (it decays)
+    pace: float  #: log of the turns of the motion itself, from its rate at the start
+    damping: float  #: damping ratio of the fastest mode, 0 (oscillation) to 1 (decay)
 
     @property
     def vector(self) -> Vector:
-        """In the order of :data:`NAMES`."""
+        """The features in the order of :data:`NAMES`, (features,)."""
         return np.array([getattr(self, name) for name in NAMES])
 
     @property
     def stiffness(self) -> float:
-        """How many times faster the fastest mode is than the motion."""
+        """Ratio of the rate of the fastest mode to that of the motion."""
         return 10.0 ** (self.fastest - self.pace)
 
     def __str__(self) -> str:
@@ -53,7 +53,7 @@ NAMES = tuple(field.name for field in fields(Features))
 
 @dataclass(frozen=True, kw_only=True)
 class Probe:
-    """Features, and what they cost."""
+    """Features of a problem and the cost of computing them."""
 
     features: Features
     evaluations: int  #: of the acceleration
@@ -61,7 +61,7 @@ class Probe:
 
 
 def probe(problem: Problem) -> Probe:
-    """Features of ``problem`` at its start, by :data:`~hhtbench.lowering.equations.POWERS` + 3 accelerations.
+    """Compute the features of ``problem`` at its start, by :data:`~hhtbench.lowering.equations.POWERS` + 3 accelerations.
 
     Raises
     ------
@@ -94,11 +94,11 @@ def probe(problem: Problem) -> Probe:
 
 
 def _turns(rate: float, span: float) -> float:
-    """Log of rate times span over 2 pi; a rate [1/s]."""
-    return math.log10(max(rate * span / (2 * math.pi), LEAST))
+    """Decimal logarithm of ``rate`` [1/s] times ``span`` [s] over 2 pi, at least that of ``MIN_TURNS``."""
+    return math.log10(max(rate * span / (2 * math.pi), MIN_TURNS))
 
 
 def _pace(problem: Problem, acceleration: Vector) -> float:
-    """Of the motion at the start [1/s]: by its velocities, and by what the accelerations would move from rest."""
+    """Rate of the motion at the start [1/s], from its velocities and from the accelerations, both by the scale of q."""
     scale = np.broadcast_to(np.asarray(problem.scales.q, dtype=np.float64), problem.q0.shape)
     return max(float(np.max(np.abs(problem.v0) / scale)), math.sqrt(float(np.max(np.abs(acceleration) / scale))))

@@ -1,4 +1,4 @@
-"""Who is expected to be the cheapest on a problem: by what was measured on the problems most like it."""
+"""Expect the cheapest solver on a problem from measurements on the most similar known problems."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from hhtbench.advice.features import Features
 from hhtbench.protocol.arguments import Matrix, Vector
 
 NEIGHBOURS = 10
-PRIOR = 10.0  # votes of all scenes beside the neighbours': these alone are worse than the best on the whole
-REACH = 0.9  # quantile of the distances between a scene and the nearest of another family: beyond it nothing is known
-LOST = 30.0  # times the cheapest: what counts for a neighbour on which a solver does not reach the error
-TWICE = 2.0  # times the cheapest: a neighbour speaks for a solver up to there
-AGREED = 0.8  # share of the neighbours that must speak for the choice
+PRIOR = 10.0  # weight of the mean over all scenes, in neighbours: neighbours alone do worse than the overall best
+REACH = 0.9  # quantile of distances between a scene and the nearest of another family: no advice beyond it
+LOST = 30.0  # cost ratio counted for a neighbour on which a solver does not reach the error
+TWICE = 2.0  # a neighbour supports a solver up to this ratio to the cheapest
+AGREED = 0.8  # share of the neighbours that must support the choice
 
 
 @dataclass(frozen=True, kw_only=True)
 class Expectation:
-    """Solvers by their expected cost."""
+    """Solvers in the order of their expected cost."""
 
     order: tuple[tuple[str, float], ...]  #: entry and mean cost over the cheapest, best first
     neighbours: tuple[str, ...]  #: specs, the nearest first
@@ -31,7 +31,7 @@ class Expectation:
 
     @property
     def unknown(self) -> str:
-        """Why the known problems are too few to speak at all, or ""."""
+        """Why the database has too few known problems for any statement, or ""."""
         count = len(self.neighbours)
         if count < NEIGHBOURS:
             return f"too few known problems: on {count} somebody reaches this error, {NEIGHBOURS} are needed"
@@ -40,7 +40,7 @@ class Expectation:
 
     @property
     def doubt(self) -> str:
-        """Why no solver can be named, or ""."""
+        """Why no solver can be recommended, or ""."""
         if self.unknown:
             return self.unknown
         if self.distance > self.reach:
@@ -51,7 +51,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Space:
-    """Features of a database's scenes, each over its standard deviation."""
+    """Features of a database's scenes, each divided by its standard deviation."""
 
     points: Matrix  #: (scenes, features)
     centre: Vector
@@ -60,7 +60,7 @@ class Space:
 
     @classmethod
     def of(cls, database: Database) -> Space:
-        """The scale and the reach follow from the scenes."""
+        """Standardise the features of ``database``; the reach is a quantile of distances between families."""
         centre, spread = database.points.mean(axis=0), database.points.std(axis=0)
         spread = np.where(spread > 0, spread, 1.0)
         points = (database.points - centre) / spread
@@ -72,12 +72,13 @@ class Space:
         return cls(points, centre, spread, reach)
 
     def distances(self, features: Features) -> Vector:
-        """To every scene."""
+        """Return the distances from ``features`` to every scene, (scenes,)."""
         return np.linalg.norm(self.points - (features.vector - self.centre) / self.spread, axis=1)
 
 
 def expected(database: Database, space: Space, features: Features, criteria: Criteria) -> Expectation:
-    """By the ``NEIGHBOURS`` nearest scenes on which anybody reached the errors, and the mean over all such scenes.
+    """Order solvers by mean log cost on the ``NEIGHBOURS`` nearest scenes where an error was reached, with all scenes as
+    prior.
 
     ``space`` is that of ``database``.
     """
@@ -102,17 +103,18 @@ def expected(database: Database, space: Space, features: Features, criteria: Cri
 
 
 def key_of(criteria: Criteria) -> tuple[str, float | None]:
-    """Of a database's tables; of the drift it knows one bound, which a looser one contains.
+    """Return the key (measure, drift bound) of the database's table for ``criteria``; a looser bound uses the table
+    without.
 
-    To first order a scaled drift is at most the weighted mean of the scaled errors in its row: of a bound that is no
-    tighter than the error asked for nothing need be known.
+    To first order a scaled drift is at most the weighted mean of the scaled errors in its row: a bound that is no
+    tighter than the error asked for is met by every run that reaches the error.
     """
     free = criteria.drift is None or criteria.drift >= criteria.accuracies[0]
     return criteria.on, None if free else HELD[1]
 
 
 def error_of(accuracy: float) -> float:
-    """The error of the database that speaks for ``accuracy``: the nearest by its logarithm."""
+    """Return the error of the database that is nearest to ``accuracy`` by its logarithm."""
     return ACCURACIES[_column(accuracy)]
 
 

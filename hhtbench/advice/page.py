@@ -1,4 +1,4 @@
-"""The trade as one page: error against time, evaluations and drift, with the report's own charts."""
+"""Page of a trade: error against time, evaluations and drift, with the report's charts."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ pre {{ overflow-x: auto; font-size: 13px }}</style></head>
 
 
 def trade_charts(rows: Sequence[RunRow]) -> list[Chart]:
-    """Error against time, evaluations and, where there are constraints, drift; ``rows`` are those of one problem."""
+    """Return the charts of error against time, evaluations and (with constraints) drift; ``rows`` are of one problem."""
     return [chart for chart in problem_charts(rows) if chart.group == PRECISION] if rows else []
 
 
 def write_page(rows: Sequence[RunRow], title: str, sentence: str, table: str, file: Path) -> None:
-    """One HTML file that fetches nothing."""
+    """Write the trade as one self-contained HTML file."""
     styles, drawings = colours.solver_styles(analysis.entries(rows)), Drawings()
     boxes = [_box(chart, styles, drawings) for chart in trade_charts(rows)]
     text = PAGE.format(
@@ -51,7 +51,7 @@ def write_page(rows: Sequence[RunRow], title: str, sentence: str, table: str, fi
 
 
 def _box(chart: Chart, styles: Mapping[str, colours.SolverStyle], drawings: Drawings) -> str:
-    """Title and place of a chart, whose legend names each solver once."""
+    """Return the HTML of a chart with its title and a legend that names each solver once."""
     figure = show_legend(draw(chart, styles), chart)
     figure["layout"] |= {"title": {"text": escape(chart.title)}}
     figure["layout"]["margin"] |= {"t": 60}

@@ -1,4 +1,4 @@
-"""What a choice costs over the best in hindsight, on problems that were held out: its regret."""
+"""Regret of a choice: its cost divided by the best in hindsight, on held-out problems."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from hhtbench.protocol.arguments import Matrix, Vector
 TWICE = 2.0
 SAMPLES = 1000  # of the bootstrap over families
 LEVEL = (2.5, 97.5)  # percentiles of an interval that holds 95 %
-STIFF = 100.0  # times faster than the motion: where the rule of thumb takes an implicit method
+STIFF = 100.0  # stiffness above which the rule of thumb takes an implicit method
 ADVICE, FREE, BEST_FIXED, THUMB = "advice", "advice, features free", "best fixed of the others", "rule of thumb"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Line:
-    """One policy on all scenes, each one vote: the mean of the logarithms over its errors."""
+    """Statistics of the regret of one policy over all scenes; each scene counts once, with its mean log regret over the
+    errors.
+    """
 
     policy: str
     median: float  #: regret, 1 is the best in hindsight
@@ -33,20 +35,22 @@ class Line:
     gain: tuple[float, float]  #: interval of the median of the logarithm of the regret over the best fixed choice's
     spoken: float = 1.0  #: share of the questions that were answered; the others take the best fixed choice
     right: float = float("nan")  #: share of the answers within twice the best
-    silent: float = float("nan")  #: the same of what is taken where there is no answer
+    silent: float = float("nan")  #: share within twice the best of the fixed choices taken without an answer
     right_high: float = float("nan")  #: 95th percentile of the regret of the answers, one vote a scene and error
-    silent_high: float = float("nan")  #: the same of what is taken where there is no answer
+    silent_high: float = float("nan")  #: 95th percentile of the regret of the fixed choices taken without an answer
 
 
 def thumb(scene: Scene) -> str:
-    """What a textbook says: BDF for what is constrained, Radau for the stiff, Dormand and Prince for the rest."""
+    """Return the textbook's choice: BDF with constraints, Radau for stiff problems, Dormand-Prince for the others."""
     if scene.features.position or scene.features.velocity:
         return "ida(form=ggl)"
     return "scipy(method=Radau)" if scene.features.stiffness > STIFF else "scipy(method=DOP853)"
 
 
 def judge(database: Database, asked: Callable[[float], Criteria], same: Callable[[Scene, Scene], bool]) -> tuple[Line, ...]:
-    """All policies on every scene, which saw none of the scenes that are ``same`` as it; best mean first, advice on top."""
+    """Measure the regret of all policies on every scene, with the scenes that are ``same`` as it held out; advice comes
+    first.
+    """
     ratios = np.array([_ratios(scene, asked(ACCURACIES[0]), database.budget) for scene in database.scenes])
     answered = [_asked(database, index, asked, same, ratios) for index in range(len(database.scenes))]
     advice, free, fixed, answers = (np.array(parts) for parts in zip(*answered, strict=True))
@@ -64,7 +68,9 @@ def judge(database: Database, asked: Callable[[float], Criteria], same: Callable
 
 
 def _ratios(scene: Scene, criteria: Criteria, budget: float) -> Matrix:
-    """Log of the cost over the best, (entries, accuracies): the budget's for who does not get there; NaN: nobody does."""
+    """Log cost over the best, (entries, accuracies); the budget where a solver does not reach an error, NaN where none
+    does.
+    """
     costs, times = scene.costs[key_of(criteria)], scene.costs["time", key_of(criteria)[1]]
     best, fastest = costs.min(axis=0), times.min(axis=0)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -80,8 +86,9 @@ def _asked(
     same: Callable[[Scene, Scene], bool],
     ratios: Matrix,
 ) -> tuple[Vector, Vector, Vector, Vector]:
-    """Of one scene, an entry an error: log regret of the advice, the same without the features' cost, that of the best fixed
-    choice of the others, and whether the advice spoke.
+    """Return, for one scene and each error: log regret of the advice, the same without the cost of the features, log
+    regret of the
+    best fixed choice on the other scenes, and whether the advice gave an answer.
     """
     scene = database.scenes[index]
     kept = [i for i, other in enumerate(database.scenes) if not same(scene, other)]
@@ -106,7 +113,7 @@ def _index(database: Database, entry: str) -> int:
 
 
 def _votes(logs: Matrix) -> Vector:
-    """(scenes,) means over the errors that somebody reaches."""
+    """Mean over the errors that some solver reaches, (scenes,)."""
     return np.nanmean(logs, axis=1)
 
 
@@ -139,7 +146,7 @@ def _line(policy: str, logs: Matrix, base: Vector, samples: Sequence[Vector], an
 
 
 def _high(logs: Vector) -> float:
-    """95th percentile of the regret."""
+    """Return the 95th percentile of the regret from its logarithms."""
     return float(np.exp(np.percentile(logs, 95))) if logs.size else float("nan")
 
 
@@ -153,7 +160,7 @@ def _interval(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _resampled(families: Sequence[str]) -> list[Vector]:
-    """Indices of scenes of families drawn with replacement; the same for every policy."""
+    """Return bootstrap samples: indices of the scenes of families drawn with replacement; the same for every policy."""
     names = sorted(set(families))
     members = {name: np.flatnonzero(np.array(families) == name) for name in names}
     random = np.random.default_rng(0)

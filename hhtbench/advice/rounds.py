@@ -1,7 +1,7 @@
-"""The runs of one trade: rounds of campaigns with a cap of time that grows.
+"""Runs of one trade: rounds of campaigns with a growing time limit per solve (successive halving).
 
-A candidate leaves where it has failed or costs several times the cheapest at the same error, so that the time goes to those
-who may win.  What is run next on a candidate, and why no more, says the campaign's own ladder.
+A candidate is dropped once it has failed or costs several times the cheapest at the same error, so that the time goes to
+the others.  The campaign's refinement rule chooses the next run of a candidate and ends it.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from hhtbench.campaign.campaign import Progress
 from hhtbench.campaign.execute import WorkerPool
 from hhtbench.campaign.store import RunRow, Store
 
-FIRST_CAP = 1.0  # [s] of one solve in the first round, and at least: on a busy machine a quick one may wait
-GROWTH = 4.0  # of the cap from round to round
-ROOM = 2.0  # times SEVERAL times the best: a solve beside other work may take longer than the same alone
+FIRST_CAP = 1.0  # time limit of one solve [s] in the first round and the smallest ever: quick solves may have to wait
+GROWTH = 4.0  # growth of the time limit from round to round
+ROOM = 2.0  # factor on SEVERAL times the best: a solve beside other work takes longer than alone
 BATCH = 2  # candidates a worker between two readings of the clock: none waits for the slowest of few
-SOLVES = 4.0  # of the longest kind that a candidate may make in a round
+SOLVES = 4.0  # time limit of a candidate in a round, in solves of the longest kind
 REFINEMENTS = 16  # most settings of one candidate
-FINALISTS = 2.0  # times the cheapest at some error: who is timed again
+FINALISTS = 2.0  # candidates up to this ratio to the cheapest at some error are timed again
 REPEATS = 3  # readings of each of their solves, where times decide
 UNTRIED = "not tried: the time was up"
 
 
 @dataclass
 class Rounds:
-    """Runs candidates on one problem; ``rows`` and ``left_out`` grow."""
+    """Run candidates on one problem in rounds; ``rows`` and ``left_out`` grow."""
 
     problem: str
     criteria: Criteria
@@ -44,10 +44,10 @@ class Rounds:
     tell: Callable[[str], None]
     pace: Progress  #: called whenever a cell has ended
     rows: dict[str, RunRow] = field(default_factory=dict)  #: by key
-    left_out: dict[str, str] = field(default_factory=dict)  #: entry -> why it was given up
+    left_out: dict[str, str] = field(default_factory=dict)  #: entry -> why it was dropped
 
     def run(self, candidates: Sequence[Candidate]) -> None:
-        """Until no candidate could show more, every error is reached, or the time is up."""
+        """Run rounds until no candidate could improve, every error is reached, or the time is up."""
         live, cap, size = list(candidates), FIRST_CAP, BATCH * self.pool.limits.jobs
         while live:
             before, waiting = len(self.rows), list(live)
@@ -63,7 +63,7 @@ class Rounds:
         self.left_out |= {one.entry: UNTRIED for one in candidates if one.entry not in run}
 
     def time_again(self, candidates: Sequence[Candidate]) -> None:
-        """Times alone on a core, in turn, of those who may be the cheapest: what decides between them."""
+        """Measure times alone on a core for the candidates within ``FINALISTS`` of the cheapest, to decide between them."""
         fronts = self.places().fronts
         near = {cost.entry for front in fronts for cost in front.costs if cost.value <= FINALISTS * front.costs[0].value}
         chosen = [one for one in candidates if one.entry in near]
@@ -72,7 +72,7 @@ class Rounds:
             self._campaign(chosen, self._cap(FIRST_CAP), timing=True)
 
     def places(self) -> Standing:
-        """Of all rows so far."""
+        """Return the :class:`Standing` from all rows so far."""
         return Standing.of(tuple(self.rows.values()), self.criteria)
 
     def _campaign(self, batch: Sequence[Candidate], seconds: float, *, timing: bool) -> None:
@@ -98,7 +98,9 @@ class Rounds:
         self.rows |= {row.key: row for row in done.rows}
 
     def _cap(self, cap: float) -> float:
-        """Of one solve [s]: not much more than would make it several times too dear, nor than the time left."""
+        """Return the time limit of one solve [s]: little more than several times the best cost, and no more than the time
+        left.
+        """
         best = self.places().best() if self.criteria.on == "time" else None
         if best is not None:
             cap = max(FIRST_CAP, min(cap, ROOM * SEVERAL * best))

@@ -1,4 +1,4 @@
-"""``hhtbench.select``: whom to take for one error on one problem, by the best evidence there is."""
+"""``hhtbench.select``: recommend a solver for one error on one problem, from the best evidence available."""
 
 from __future__ import annotations
 
@@ -34,21 +34,21 @@ ERRORS = f"{max(ACCURACIES):g} to {min(ACCURACIES):g}"
 
 @dataclass(frozen=True, kw_only=True)
 class Advice(Printed):
-    """What :func:`select` says."""
+    """Recommendation of :func:`select` with its evidence."""
 
     problem: str
     taken: str | None  #: the solver with its options, as ``hb.solve`` takes it; None: no solver can be named
-    taken_by: str | None  #: what ``hb.solve`` is given for the error: "rtol", or "steps" for constant ones
+    taken_by: str | None  #: argument of ``hb.solve`` that controls the error: "rtol", or "steps" for constant steps
     second: str | None
     second_by: str | None
     on: str  #: what was compared: "time" or "evaluations"
     text: str  #: the solver to take and its cost, or why none can be named and what to do
-    evidence: str  #: what it rests on
+    evidence: str  #: runs or known problems behind it
     domain: str  #: where that holds
     reason: str  #: in one line
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return asdict(self)
 
     def __repr__(self) -> str:
@@ -69,24 +69,24 @@ def select(
     store: str | Path | None = None,
     database: str | Path | None = None,
 ) -> Advice:
-    """Say which solver reaches an error most cheaply.
+    """Recommend the solver that reaches an error most cheaply.
 
-    From rows of the problem where ``store`` holds some; else from a :func:`trade` of ``seconds``; else from the problem's
-    features and a database of other problems.
+    The evidence is rows of the problem in ``store`` if there are some; else a :func:`trade` of ``seconds``; else the
+    problem's features and a database of other problems.
 
     Parameters
     ----------
     problem
-        A spec; a Problem where neither rows nor runs are asked for.
+        A spec; a Problem only without ``store`` and ``seconds``.
     accuracy
         Error of q and v, scaled by the problem's scales.
     drift
         Largest scaled drift of position and velocity constraints; None: any.
     on
         What to minimise: "time" or "evaluations".  Times of another machine, or of other versions, are refused;
-        evaluations take their place then, and the text says so.
+        evaluations are then used instead, and the text says so.
     seconds
-        What measuring may take [s]; 0: nothing is run.
+        Time for measuring [s]; 0: nothing is run.
     store
         SQLite file of ``run`` or ``trade``.
     database
@@ -115,7 +115,7 @@ def select(
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """What the rows of one problem say of one set of criteria."""
+    """Evidence from the rows of one problem for one set of criteria."""
 
     problem: str  #: canonical spec
     fronts: tuple[Front, ...]  #: one an accuracy, the loosest first; none without rows
@@ -126,7 +126,7 @@ class Known:
 
 
 def known_from(problem: str, store: Path, criteria: Criteria) -> Known:
-    """Rows of ``store`` that today's files and libraries would make again."""
+    """Collect the rows of ``store`` that are up to date with today's files and libraries, as evidence."""
     rows = [row for row in load_rows(store) if row.problem == problem]
     stale = {row.key for row in outdated(rows)}
     kept = [row for row in rows if row.key not in stale]
@@ -136,7 +136,7 @@ def known_from(problem: str, store: Path, criteria: Criteria) -> Known:
 
 
 def known_of(problem: str, rows: Sequence[RunRow], criteria: Criteria, text: str) -> Known:
-    """Times are left aside where they were taken elsewhere; ``text`` says what the rows are."""
+    """Turn rows into evidence; times of other machines are replaced by evaluations; ``text`` describes the rows."""
     refusal = _foreign(rows) if criteria.on == "time" else ""
     criteria = replace(criteria, on="evaluations") if refusal else criteria
     fronts = as_run(Standing.of(newest(rows).rows, criteria).fronts)
@@ -147,7 +147,7 @@ def known_of(problem: str, rows: Sequence[RunRow], criteria: Criteria, text: str
 
 
 def _foreign(rows: Sequence[RunRow]) -> str:
-    """Why the times of these rows say nothing here, or ""."""
+    """Return why the times of these rows do not apply here, or ""."""
     good = [row for row in rows if row.success]
     found = [foreign(row.timing.get("machine", clock_of(row.environment)), versions_of(row.environment)) for row in good]
     others = [why for why in found if why]
@@ -155,13 +155,13 @@ def _foreign(rows: Sequence[RunRow]) -> str:
 
 
 def _advice(problem: str, solvers: Sequence[tuple[str, str]], **fields: str) -> Advice:
-    """``solvers`` are specs and what each is given, the cheapest first."""
+    """Make an Advice from ``solvers``, pairs of spec and what is refined, cheapest first."""
     (taken, taken_by), (second, second_by), *_ = [*solvers, (None, None), (None, None)]
     return Advice(problem=problem, taken=taken, taken_by=taken_by, second=second, second_by=second_by, **fields)
 
 
 def _from_rows(known: Known, criteria: Criteria) -> Advice | None:
-    """By runs of the problem itself; None where they do not reach the error."""
+    """Advise from runs of the problem itself; None if they do not reach the error."""
     ranked = ranking(known.fronts)
     if not ranked:
         return None
@@ -178,7 +178,7 @@ def _from_rows(known: Known, criteria: Criteria) -> Advice | None:
 
 
 def _measured(spec: str, criteria: Criteria, seconds: float, store: str | Path | None) -> Advice:
-    """By a trade."""
+    """Advise from a trade run now."""
     found = trade(spec, accuracies=criteria.accuracies, seconds=seconds, drift=criteria.drift, on=criteria.on, store=store)
     evidence = f"{len(found.rows)} runs made now, {found.seconds:.0f} s"
     made = _from_rows(known_of(found.problem, found.rows, criteria, evidence), criteria)
@@ -191,7 +191,7 @@ def _refused(why: str) -> str:
 
 
 def _from_features(problem: Problem, criteria: Criteria, database: Database, known: Known | None) -> Advice:
-    """By the problems most like it, among the solvers that have not failed on this one."""
+    """Advise from the most similar known problems, among the solvers that have not failed on this one."""
     failed = {} if known is None else known.failed
     database = database.of_entries(lambda entry: entry not in failed)
     refusal = database.refusal() if criteria.on == "time" else ""
@@ -225,7 +225,7 @@ def _from_features(problem: Problem, criteria: Criteria, database: Database, kno
 
 
 def _outside(problem: Problem, criteria: Criteria) -> str:
-    """Why the database says nothing of such criteria, or ""."""
+    """Return why the database has no data for such criteria, or ""."""
     accuracy = criteria.accuracies[0]
     if not min(ACCURACIES) <= accuracy <= max(ACCURACIES):
         return f"the database knows errors from {ERRORS}; asked was {accuracy:g}"
@@ -246,7 +246,7 @@ def _text(found: Expectation, criteria: Criteria) -> str:
 
 
 def _compared(criteria: Criteria) -> str:
-    """The error and the drift of the database's runs, with what was asked where that is another."""
+    """Describe the error and drift of the database's runs, with those asked for if they differ."""
     accuracy, (_, bound) = criteria.accuracies[0], key_of(criteria)
     error = error_of(accuracy)
     text = f"an error of {error:g}" + (f" (asked: {accuracy:g})" if error != accuracy else "")

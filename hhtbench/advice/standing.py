@@ -1,4 +1,4 @@
-"""Who is still worth a run: what each candidate has cost so far beside the cheapest, at the same error."""
+"""Decide which candidates are worth another run, from their costs so far beside the cheapest at the same error."""
 
 from __future__ import annotations
 
@@ -12,40 +12,42 @@ from hhtbench.campaign.analysis.fronts import Front
 from hhtbench.campaign.analysis.missing import UNKNOWN
 from hhtbench.campaign.store import RunRow
 
-SEVERAL = 4.0  # times the cheapest: from there on a candidate is dropped; a single time beside other work is good to twice
+SEVERAL = 4.0  # a candidate above this ratio to the cheapest is dropped; a time beside other work is good to a factor 2
 OPEN = ("capped", *UNKNOWN)  #: reasons after which more time may help
 
 
 @dataclass(frozen=True)
 class Standing:
-    """The candidates after some runs; every candidate that was run has its place in every front."""
+    """Costs of the candidates after some runs, one front per accuracy."""
 
     fronts: tuple[Front, ...]  #: one an accuracy, the loosest first
 
     @classmethod
     def of(cls, rows: Sequence[RunRow], criteria: Criteria) -> Standing:
-        """From the rows of one problem."""
+        """Compute the fronts from the rows of one problem."""
         return cls(analysis.fronts(rows, criteria.on, criteria.accuracies, criteria.drift) if rows else ())
 
     def hopeless(self, entry: str) -> str:
-        """Why ``entry`` cannot win at any of the errors, or ""."""
+        """Return why ``entry`` cannot be the cheapest at any of the errors, or ""."""
         reasons = [_behind(front, entry) for front in self.fronts]
         return reasons[-1] if reasons and all(reasons) else ""
 
     def unfinished(self, entry: str) -> bool:
-        """Whether more time could show more of ``entry``: a cap keeps it from an error that it is not too dear for."""
+        """True if more time could help ``entry``: only a cap keeps it from an error at which it is not too expensive."""
         return not self.fronts or any(
             entry in front.missing and front.missing[entry].kind in OPEN and not _behind(front, entry)
             for front in self.fronts
         )
 
     def best(self) -> float | None:
-        """Cost at the tightest error that a candidate has reached."""
+        """Return the lowest cost at the tightest error reached; None if none is reached."""
         return next((front.costs[0].value for front in reversed(self.fronts) if front.costs), None)
 
 
 def _behind(front: Front, entry: str) -> str:
-    """Why ``entry`` is out at this error, or "": it has ended without reaching it, or is several times too dear."""
+    """Return why ``entry`` is out at this error: it ended without reaching it, or costs several times the cheapest; else
+    "".
+    """
     best, missing = front.costs[0].value if front.costs else math.inf, front.missing.get(entry)
     if missing is not None and missing.kind not in OPEN:
         return missing.text

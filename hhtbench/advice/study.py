@@ -1,4 +1,4 @@
-"""``hhtbench study selection``: how much worse advice is than the best in hindsight, on what it has not seen."""
+"""``hhtbench study selection``: regret of the advice on held-out problems."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ HELD_OUT: dict[str, Callable[[Scene, Scene], bool]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """All policies for one measure and bound of the drift."""
+    """Regret of all policies for one measure and drift bound."""
 
     held_out: str  #: "problem" or "family"
     on: str
@@ -54,14 +54,14 @@ class Judgement:
 
 @dataclass(frozen=True, kw_only=True)
 class Study:
-    """What :func:`study_selection` found."""
+    """Result of :func:`study_selection`."""
 
     scenes: int
     families: int
     judgements: tuple[Judgement, ...]
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -78,22 +78,22 @@ def study_selection(
     tell: Callable[[str], None] = lambda text: None,
     progress: Progress | None = None,
 ) -> Study:
-    """Judge the advice of a database; with ``scenes`` or ``store`` of one that is made from their rows.
+    """Measure the regret of a database's advice; with ``scenes`` or ``store`` of one made from their rows.
 
     Parameters
     ----------
     store
         SQLite file of the rows; without ``scenes`` those that it holds are taken.
     scenes
-        How many of the drawn scenes are run, all families in turn; None: none.
+        Number of random scenes to run, all families in turn; None: none.
     seconds
-        Of each solver on each scene [s].
+        Time of each solver on each scene [s].
     database
-        Where the reduced rows go, for ``select``; None: nowhere.
+        File for the reduced rows, for ``select``; None: not written.
     tell
-        What happens, a line each.
+        Called with messages, one line each.
     progress
-        Which part is run, how much of it is done, and of how much.
+        Called with the part that is running, the number done and the number in all.
 
     Raises
     ------
@@ -120,7 +120,7 @@ def study_selection(
 
 
 def judged(database: Database) -> Study:
-    """Each problem, and each family, held out in turn."""
+    """Measure the regret with each problem, and each family, held out in turn."""
     families = {scene.family for scene in database.scenes}
     if len(families) < 3:
         raise ProblemError(f"scenes of at least three families are needed to hold one out; these are of {len(families)}.")
@@ -147,7 +147,7 @@ def _run(
     tell: Callable[[str], None],
     progress: Progress | None,
 ) -> tuple[RunRow, ...]:
-    """The usual candidates on drawn scenes, as a campaign; what ``file`` holds is not run again."""
+    """Run the usual candidates on random scenes, as a campaign; cells in ``file`` are not run again."""
     campaign = campaign_for(specs, CANDIDATES, max_seconds=seconds / 2, pair_seconds=seconds, **RULES)
     limits = machine_limits(jobs)
     with Store(file) as rows:
@@ -156,7 +156,7 @@ def _run(
 
 
 def probes_of(specs: Sequence[str], jobs: int, tell: Callable[[str], None]) -> dict[str, Probe]:
-    """Of those whose features can be computed; each in a process that has no other."""
+    """Compute the features of each problem in worker processes; those that fail are reported by ``tell`` and left out."""
     found = {}
     with worker_processes(jobs) as pool:
         for spec, made in zip(specs, pool.map(_probed, specs), strict=True):
@@ -176,7 +176,7 @@ def _probed(spec: str) -> Probe | str:
 
 
 def _answers(line: Line) -> str:
-    """Shares of answers and of right ones, and the 95th percentile of their regret; the same where there is none."""
+    """Format the share of answers, the share within twice the best, and the 95th percentile of the regret."""
     if math.isnan(line.right):
         return ""
     silent = "" if math.isnan(line.silent) else f"; the rest: {line.silent:.0%}, 95 % {line.silent_high:.2g}"

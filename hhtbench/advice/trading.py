@@ -1,4 +1,4 @@
-"""``hhtbench.trade``: what an error costs on one's own scene, by whom, found within a stated time."""
+"""``hhtbench.trade``: measure what an error costs on one's own problem with each solver, within a stated time."""
 
 from __future__ import annotations
 
@@ -38,13 +38,13 @@ from hhtbench.solution.request import Request
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 SECONDS = 60.0
-REFERENCE_SHARE = 0.25  # of the seconds, that each solve of the reference may take
-LAST_SHARE = 0.85  # of the seconds, after which no candidate begins: the rest is for timing those that may win
+REFERENCE_SHARE = 0.25  # time limit of each solve of the reference, over the seconds
+LAST_SHARE = 0.85  # share of the seconds after which no candidate begins: the rest is for timing the cheapest
 
 
 @dataclass(frozen=True, kw_only=True)
 class Trade(Printed):
-    """What :func:`trade` found."""
+    """Result of :func:`trade`: costs at each error, and the recommendation."""
 
     problem: str  #: canonical spec
     criteria: Criteria
@@ -52,18 +52,18 @@ class Trade(Printed):
     unknown: str  #: why they are measured against nothing, or ""
     rows: tuple[RunRow, ...]  #: one a solve, as those of a campaign
     fronts: tuple[Front, ...]  #: at every error, the loosest first, what the runs took that reach it
-    left_out: dict[str, str]  #: entry -> why it was given up
+    left_out: dict[str, str]  #: entry -> why it was dropped
     seconds: float  #: what it took [s]
     note: str = ""  #: on errors of a problem without scales
 
     @property
     def choices(self) -> tuple[Choice, ...]:
-        """The cheapest at every error that a candidate reaches, and the next."""
+        """The cheapest solver and the next one at every error that a candidate reaches."""
         return choices_of(self.fronts)
 
     @property
     def sentence(self) -> str:
-        """The solver to take, or what each candidate reported where there is none."""
+        """The solver to take, or what each candidate reported if none reaches an error."""
         found = sentence(self.fronts, self.criteria)
         if not found and not self.rows and not self.unknown:
             return f"Cannot tell: the reference took the {self.seconds:.0f} s that were given; give more seconds."
@@ -74,15 +74,15 @@ class Trade(Printed):
         return f"{found} {self.note}".rstrip()
 
     def _said(self) -> dict[str, str]:
-        """Why each candidate without a cost has none."""
+        """Return the reasons of the candidates without a cost."""
         return self.left_out | {entry: why.text for front in self.fronts for entry, why in front.missing.items()}
 
     def write_page(self, file: str | Path) -> None:
-        """Error against time, evaluations and drift, the table and the sentence as one HTML file that fetches nothing."""
+        """Write error against time, evaluations and drift, the table and the sentence as one self-contained HTML file."""
         write_page(self.rows, f"Trade on {self.problem}", self.sentence, self._table(), Path(file))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         names = ("problem", "sentence", "reference", "unknown", "left_out", "seconds")
         choices = [choice.as_dict() for choice in self.choices]
         return {**{name: getattr(self, name) for name in names}, **asdict(self.criteria), "choices": choices}
@@ -94,7 +94,7 @@ class Trade(Printed):
         return f"{self._table()}\n\n{self.sentence}"
 
     def _table(self) -> str:
-        """Costs by candidate and error; dropped candidates with the reason."""
+        """Format costs by candidate and error; dropped candidates with the reason."""
         costs: dict[str, dict[float, str]] = {}
         for front in self.fronts:
             for cost in front.costs:
@@ -121,27 +121,27 @@ def trade(
     tell: Callable[[str], None] = lambda text: None,
     progress: Progress = lambda part, done, total: None,
 ) -> Trade:
-    """Measure on one problem who reaches given errors most cheaply.
+    """Measure on one problem which solver reaches given errors most cheaply.
 
     Parameters
     ----------
     problem
-        A spec, ``planar_chain(n_links=5)`` or ``my.py:problem``, or a Problem: where no imported file holds it, all is
+        A spec, ``planar_chain(n_links=5)`` or ``my.py:problem``, or a Problem: if no imported file holds it, all is
         solved in this process, without ``store``, and a warning says so.
     accuracies
         Errors of q and v to reach, scaled by the problem's scales, largest over the compared times.
     seconds
-        About how long it may take [s]: no candidate begins after 85 % of it; code that is being compiled is finished.
+        Approximate time [s]: no candidate begins after 85 % of it; code that is being compiled is finished.
     drift
-        Most scaled drift of position and velocity constraints of the runs that count; None: any.
+        Largest scaled drift of position and velocity constraints; None: any.
     on
         What to minimise: "time" or "evaluations".
     solvers
-        Specs instead of the usual candidates; every one with tolerances, or with constant steps where it takes none.
+        Specs instead of the usual candidates; each runs with tolerances, or with constant steps if it takes none.
     store
         SQLite file that keeps the rows, for ``select`` and ``report``; None: nothing is kept.
     jobs
-        Worker processes; None: one a core.
+        Worker processes; None: one per core.
     tell
         Called with a line on each stage.
     progress
@@ -150,7 +150,7 @@ def trade(
     Returns
     -------
     Trade
-        Its ``sentence`` says whom to take.
+        Its ``sentence`` states the solver to take.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def _traded(
     tell: Callable[[str], None],
     progress: Progress,
 ) -> Trade:
-    """A reference, the rounds, and the times of who may win."""
+    """Make a reference, run the rounds, and time the candidates that may be the cheapest."""
     began = time.monotonic()
     if real_number("seconds", seconds) <= 0.0:
         raise ProblemError(f"seconds must be above 0; got {seconds:g}.")
@@ -204,15 +204,15 @@ def _traded(
 
 
 def pace_of(began: float, seconds: float, progress: Progress) -> Progress:
-    """Report to ``progress``, at every call, how many of the ``seconds`` have passed, at most all of them."""
+    """Return a callback that reports the seconds passed since ``began``, at most ``seconds``, to ``progress``."""
     total = max(1, math.ceil(seconds))
     return lambda *_: progress("seconds", min(int(time.monotonic() - began), total), total)
 
 
 def in_expected_order(problem: Problem, criteria: Criteria) -> tuple[Candidate, ...]:
-    """The usual candidates, who is expected to be the cheapest first; by the rule of thumb where nothing can be expected.
+    """Order the usual candidates by expected cost; by the rule of thumb if none can be expected.
 
-    For an order times of another machine will do.
+    Times of another machine are good enough for an order.
     """
     try:
         database = read_database()
@@ -223,7 +223,7 @@ def in_expected_order(problem: Problem, criteria: Criteria) -> tuple[Candidate, 
 
 
 def _named(solvers: Sequence[str] | str, problem: Problem) -> tuple[Candidate, ...]:
-    """The named solvers, with tolerances, or with constant steps where tolerances are refused."""
+    """Return the named solvers as candidates, with tolerances, or with constant steps if they refuse tolerances."""
     some = (solvers,) if isinstance(solvers, str) else tuple(solvers)
     refuse_misspelt(some)
     return tuple(Candidate(spec, "steps" if _takes_steps_only(spec, problem) else "rtol") for spec in dict.fromkeys(some))

@@ -1,4 +1,4 @@
-"""What the errors of a trade are measured against: what the problem brings, or a certificate made for it."""
+"""Reference solution of a trade: the problem's own, or a certificate made for it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hhtbench.protocol.system import Problem
 
 @dataclass(frozen=True)
 class Truth:
-    """Where it lies, and what to say of it."""
+    """Description and files of the reference solution."""
 
     text: str
     references: dict[str, Path] = field(default_factory=dict)  #: for :func:`~hhtbench.campaign.run_campaign`
@@ -24,9 +24,9 @@ class Truth:
 def truth_of(
     problem: Problem, campaign: Campaign, store: Path, jobs: int, seconds: float, tell: Callable[[str], None]
 ) -> Truth:
-    """A closed solution, a reference of the problem's own, or one by two method families on two forms with its error bar.
+    """Find or make the reference: closed solution, the problem's own reference, or a certificate by two method families.
 
-    Each solve of the latter may take ``seconds`` [s]; it lies beside ``store`` and is not made twice.
+    Each solve of a certificate may take ``seconds`` [s]; it is stored beside ``store`` and not made twice.
     """
     if problem.exact is not None:
         return Truth("the closed solution")

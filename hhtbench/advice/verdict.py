@@ -1,4 +1,4 @@
-"""From rows to one sentence: whom to take, at which setting, what to expect, and what the second choice costs."""
+"""Summarise a trade in one sentence: the solver to take, its setting, its cost, and what the second choice costs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hhtbench.campaign.analysis.decision import places
 from hhtbench.campaign.analysis.fronts import Cost, Front
 from hhtbench.report.words import seconds, shown
 
-CLEARLY = 1.3  # times dearer at one error: the sentence names who is cheaper there
+CLEARLY = 1.3  # cost ratio at one error above which the sentence names the cheaper solver there
 
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """Who is the cheapest at one error, and the next of another kind."""
+    """The cheapest solver at one error, and the next one."""
 
     accuracy: float
     best: Cost
@@ -25,11 +25,11 @@ class Choice:
 
     @property
     def solver(self) -> str:
-        """The cheapest as ``hb.solve`` takes it; ``best.run.setting`` is what it was given."""
+        """Spec of the cheapest solver for ``hb.solve``; ``best.run.setting`` is its tolerance or step."""
         return spec_of(self.best.run)
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values."""
+        """Return plain values, for JSON."""
         second = None if self.second is None else _plain(self.second)
         return {"accuracy": self.accuracy, **_plain(self.best), "second": second}
 
@@ -41,7 +41,7 @@ def _plain(cost: Cost) -> dict[str, Any]:
 
 
 def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:
-    """The cheapest at every error that a candidate reaches, and the next."""
+    """Return the cheapest solver and the next one at every error that a candidate reaches."""
     return tuple(
         Choice(accuracy=front.target, best=front.costs[0], second=next(iter(front.costs[1:]), None))
         for front in fronts
@@ -50,7 +50,7 @@ def choices_of(fronts: Sequence[Front]) -> tuple[Choice, ...]:
 
 
 def as_run(fronts: Sequence[Front]) -> tuple[Front, ...]:
-    """The same with the costs of the named runs, not of a run interpolated between two of them."""
+    """Replace interpolated costs by those of the runs that reach the error."""
     found = []
     for front in fronts:
         costs = [replace(cost, value=cost.run.work(front.measure) or cost.value) for cost in front.costs]
@@ -59,9 +59,9 @@ def as_run(fronts: Sequence[Front]) -> tuple[Front, ...]:
 
 
 def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
-    """Entries that reach all errors that anybody reaches, with their mean cost over the first's (geometric), best first.
+    """Rank the entries that reach all errors reached by any, by geometric mean cost relative to the first.
 
-    These are all that reach the tightest: the run that does reaches the others too.
+    These are all that reach the tightest error, since the run that reaches it reaches the others too.
     """
     reached = [front for front in fronts if front.costs]
     ranked = [place for place in places(reached) if len(place.costs) == len(reached)]
@@ -69,7 +69,7 @@ def ranking(fronts: Sequence[Front]) -> tuple[tuple[str, float], ...]:
 
 
 def sentence(fronts: Sequence[Front], criteria: Criteria) -> str:
-    """The one sentence; "" where no candidate reaches an error."""
+    """Return the recommendation as one sentence; "" if no candidate reaches an error."""
     reached, ranked = [front for front in fronts if front.costs], ranking(fronts)
     if not ranked:
         return ""
@@ -102,7 +102,7 @@ def _expected(cost: Cost, target: float) -> str:
 
 
 HINTS = {
-    "declined": "`hhtbench check` and `hhtbench describe` tell what the problem's functions do",
+    "declined": "run `hhtbench check` and `hhtbench describe` on the problem",
     "deadline": "give more seconds, or a shorter span",
     "unreliable": "`hhtbench check` compares derivatives, starts and energy; a wrong one makes every solver doubtful",
     "user_exception": "mend the function that raised",
@@ -112,7 +112,9 @@ GENERAL = "`hhtbench check` looks for mistakes in the problem; looser errors or 
 
 
 def failure(said: Mapping[str, str], statuses: Sequence[str], unknown: str) -> str:
-    """What each candidate reported where none has a cost, and what to try; ``unknown``: why there is no reference, or ""."""
+    """Return what each candidate reported if none has a cost, and what to try; ``unknown``: why there is no reference, or
+    "".
+    """
     lines = [f"  {entry}: {text}" for entry, text in said.items()]
     known = [HINTS[status] for status in dict.fromkeys(statuses) if status in HINTS]
     tries = "; ".join(known) or GENERAL

@@ -1,4 +1,4 @@
-"""Errors of one solution against what is known: the exact solution at its output times, else the reference's rows."""
+"""Errors of one solution against the exact solution at its output times, else against the reference's rows."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution
 
 COMPONENTS = ("q", "v", "lam", "mu")
-SAME_TIME = 1e-12  # of the interval: an output time and a reference time that differ by rounding
-SPACINGS = 4  # of floating-point times, which may be further apart than that
+SAME_TIME = 1e-12  # distance over the interval within which an output time equals a reference time
+SPACINGS = 4  # the same in spacings of floating-point times, which may be larger
 MOST_EXACT = 200  # rows at which an exact solution is computed, evenly spread: it is Python, up to 0.2 ms a row
-FIRST = 10  # of the first rows, which are always among them: multipliers of the start are seen in these only
+FIRST = 10  # leading rows that are always compared: errors of the multipliers at the start show only there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +30,8 @@ class Comparison:
     at_end: bool  #: the last row lies at the end of the interval
     t: Vector  #: (k,) compared times [s]
     got: Mapping[str, Matrix]  #: component or observable -> (k, size)
-    true: Mapping[str, Matrix]  #: the same
-    scale: Mapping[str, Vector]  #: the same -> (size,)
+    true: Mapping[str, Matrix]  #: true values, as ``got``
+    scale: Mapping[str, Vector]  #: component or observable -> (size,) scale
     observables: tuple[str, ...]
     unknown: NDArray[np.bool_]  #: (k,) where multipliers are nan: they do not exist there
 
@@ -40,7 +40,7 @@ class Comparison:
         return np.max(np.abs(self.got[name] - self.true[name]) / self.scale[name], axis=1)
 
     def metrics(self) -> dict[str, Any]:
-        """``metrics["errors"]`` of a row."""
+        """Return ``metrics["errors"]`` of a row: largest errors at the end and over time, in their units and scaled."""
         entries = {name: self._entry(name) for name in self.got}
         return {
             "against": self.against,
@@ -51,7 +51,7 @@ class Comparison:
         }
 
     def series(self) -> dict[str, Any]:
-        """``series["errors"]`` of a row."""
+        """Return ``series["errors"]`` of a row: scaled errors of each component over time."""
         names = [name for name in self.got if name not in self.observables]
         return {"t": self.t, **{name: self.scaled(name) for name in names}}
 
@@ -69,20 +69,22 @@ class Comparison:
 
 
 def same_time(problem: Problem) -> float:
-    """Two times that are no further apart [s] are one, computed in two ways."""
+    """Return the distance [s] up to which two times count as one computed in two ways."""
     t0, t1 = problem.t_span
     return max(SAME_TIME * (abs(t1 - t0) or 1.0), SPACINGS * math.ulp(max(abs(t0), abs(t1))))
 
 
 def compare_multipliers(problem: Problem, t: Vector, carried: Mapping[str, Matrix]) -> dict[str, dict[str, Any]]:
-    """``lam_carried`` and ``mu_carried`` of ``metrics["errors"]``: the solver's own multipliers at ``t`` (k,)."""
+    """Return ``lam_carried`` and ``mu_carried`` of ``metrics["errors"]``: errors of the solver's own multipliers at ``t``
+    (k,).
+    """
     found = _compared(problem, _matched(problem, t), t, carried)
     entries = {} if found is None else found.metrics()
     return {f"{name}_carried": entries[name] for name in carried if name in entries}
 
 
 def compare(problem: Problem, solution: Solution) -> Comparison | None:
-    """The comparison, or None where nothing is known at any time of ``solution``."""
+    """Compare a solution with the exact solution or reference; None if neither is known at any of its times."""
     t, values = np.asarray(solution.t), {name: np.asarray(getattr(solution, name)) for name in COMPONENTS}
     known = _matched(problem, t)
     found = _compared(problem, known, t, values)
@@ -100,7 +102,9 @@ def compare(problem: Problem, solution: Solution) -> Comparison | None:
 
 
 def _compared(problem: Problem, known: _Known, t: Vector, values: Mapping[str, Matrix]) -> Comparison | None:
-    """Those of ``values`` (component -> a row for each of ``t``) that are known, or None where nothing is."""
+    """Compare those of ``values`` (component -> one row for each of ``t``) whose true values are known; None if there are
+    none.
+    """
     rows, truth = known.rows, known.truth
     if rows.size == 0:
         return None
@@ -125,7 +129,7 @@ def _scale(problem: Problem, name: str, values: Matrix) -> Vector:
 
 
 class _Known(NamedTuple):
-    """What is known at some of the times that were asked for."""
+    """True values at some of the requested times."""
 
     rows: Any  #: indices of these times
     truth: dict[str, Matrix]  #: component -> the values there
@@ -134,7 +138,7 @@ class _Known(NamedTuple):
 
 
 def _matched(problem: Problem, times: Vector) -> _Known:
-    """What is known at ``times``."""
+    """Return the exact solution or the reference at those of ``times`` where it is known."""
     if problem.exact is not None:
         spread = np.linspace(0, times.size - 1, min(times.size, MOST_EXACT)).astype(int)
         some = np.union1d(spread, np.arange(min(times.size, FIRST)))

@@ -1,4 +1,4 @@
-"""Specs that mean the same although one writes out what the other leaves to the defaults."""
+"""Find specs that mean the same although one writes out what the other leaves to its defaults."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from hhtbench.catalogue.specs import canonical, parse_spec
 
 
 def find_alike(kind: Literal["problem", "solver"], text: str, among: Iterable[str]) -> str | None:
-    """The first of the canonical specs ``among`` that means what ``text`` means, or None.
+    """Return the first of the canonical specs ``among`` that means the same as ``text``, or None.
 
-    Only specs of one registered name are compared; then its module is imported, but no problem is made and no file executed.
+    Only specs of one registered name are compared; then its module is imported, but no problem is made and no file
+    executed.
     """
     wanted = canonical(text)
     some = list(among)
@@ -36,7 +37,7 @@ def _alike(kind: str, one: str, other: str) -> bool:
 
 
 def _arguments(text: str) -> dict[str, Any]:
-    """All arguments of a problem's factory with their kinds: 1 is 1.0 and not True."""
+    """Return all arguments of a problem's factory, defaults included; booleans are marked, so that True differs from 1."""
     spec = parse_spec(text)
     bound = inspect.signature(plugins.load("problem", spec.name)).bind(**spec.arguments)
     bound.apply_defaults()

@@ -1,4 +1,4 @@
-"""A campaign from what somebody names: by options of a command, or by arguments in Python."""
+"""Make a campaign from a command's options or from arguments in Python."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ KINDS = {"rtol": float, "step": float, "steps": int}  # options of a command tha
 def campaign_of(
     problems: tuple[str, ...], solvers: tuple[str, ...], campaign: str | Campaign | None, fields: Mapping[str, Any]
 ) -> Campaign:
-    """The part of ``campaign`` on these problems and solvers, or a new one; ``fields`` are those of Campaign and Grid.
+    """Restrict ``campaign`` to these problems and solvers, or make a new one; ``fields`` are those of Campaign and Grid.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def campaign_of(
 
 
 def asked_campaign(name: str | None, problems: tuple[str, ...], solvers: tuple[str, ...], **options: Any) -> Campaign:
-    """The campaign of the options of ``hhtbench run`` and ``status``.
+    """Make the campaign of the options of ``hhtbench run`` and ``status``.
 
     Raises
     ------
@@ -64,9 +64,9 @@ def asked_campaign(name: str | None, problems: tuple[str, ...], solvers: tuple[s
 
 
 def refuse_misspelt(solvers: tuple[str, ...]) -> None:
-    """Make every registered solver once, before anything runs: a wrong option is wrong use, not a row.
+    """Make every registered solver once before anything runs, so that a wrong option is an error and not a failed cell.
 
-    Files are not executed here.  What cannot be imported, or fails otherwise, costs its own cells only.
+    Files are not executed here.  A solver that cannot be imported, or fails otherwise, costs its own cells only.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def refuse_misspelt(solvers: tuple[str, ...]) -> None:
 
 
 def split_specs(texts: tuple[str, ...]) -> list[str]:
-    """Specs separated by commas that are outside of brackets and quotes."""
+    """Split texts into specs at the commas outside of brackets and quotes."""
     found = []
     for text in texts:
         depth, quote, start = 0, "", 0

@@ -1,6 +1,6 @@
-"""A campaign: the accuracy pass over all cells at once, then the timing pass over one cell at a time.
+"""Run a campaign: the accuracy pass over all cells at once, then the timing pass over one cell at a time.
 
-What is run next on a pair of problem and solver is asked of a function of the pair's rows so far; so a resumed campaign
+The next cells of a pair of problem and solver are a function of the pair's rows so far; so a resumed campaign
 asks for the same cells as one that was never interrupted.
 """
 
@@ -31,7 +31,7 @@ NextCells = Callable[[Sequence[RunRow]], Sequence[Cell]]  #: cells to run next, 
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """What a campaign came to."""
+    """Result of a campaign: counts and rows."""
 
     cells: int
     ran: int  #: cells run now; the others were there
@@ -51,12 +51,12 @@ def run_campaign(
     retry: Collection[str] = (),
     progress: Progress | None = None,
 ) -> Done:
-    """Run what ``store`` does not hold yet; every cell is on the disk before it counts as done.
+    """Run the cells that ``store`` does not hold yet; every cell is on the disk before it counts as done.
 
     ``executor`` runs the accuracy pass; None: worker processes here; a :class:`WorkerPool` does the timing too and stays
-    open.  ``references`` are certificates of problems that
-    bring none (:func:`~hhtbench.campaign.references.auto_references`).  Times are always taken here, each alone on a core:
-    those of another machine are taken anew.  Cells that ended with a status of ``retry`` run again.
+    open.  ``references`` are certificates of problems without a reference of their own
+    (:func:`~hhtbench.campaign.references.auto_references`).  Times are taken on this machine, each alone on a core; those
+    of another machine are taken anew.  Cells that ended with a status in ``retry`` run again.
     """
     asks = {pair.name: pair.next_cells for pair in plan_pairs(campaign, references)}
     tell = progress or (lambda *_: None)
@@ -75,7 +75,7 @@ def run_campaign(
 
 
 class AccuracyPass:
-    """The loop over futures: submit what the pairs ask for, write what comes, ask again."""
+    """Loop over futures: submit the cells that the pairs ask for, write their results, ask the pairs again."""
 
     def __init__(
         self,
@@ -104,11 +104,11 @@ class AccuracyPass:
 
     @property
     def cells(self) -> list[Cell]:
-        """All that were asked for."""
+        """All cells that the pairs asked for."""
         return [cell for cells in self._asked.values() for cell in cells]
 
     def run(self) -> None:
-        """Until no pair asks for more."""
+        """Run until no pair asks for more cells."""
         for pair in self._asks:
             self._ask(pair)
         self._progress()
@@ -125,7 +125,7 @@ class AccuracyPass:
             self._progress()
 
     def _ask(self, pair: Name) -> None:
-        """Submit what the pair asks for once all it asked for is there; where the store holds that, ask again."""
+        """Ask a pair, once all its cells are finished, for the next ones and submit those that the store does not hold."""
         while not self._open[pair]:
             cells = self._asks[pair]([self._rows[cell.key] for cell in self._asked[pair]])
             if not cells:
@@ -166,19 +166,19 @@ class AccuracyPass:
         self._tell("accuracy", self.ran - len(self._flights), self.ran + self._not_yet_asked())
 
     def _not_yet_asked(self) -> int:
-        """Cells that the other pairs will still ask for, if they come to as many as those that have finished."""
+        """Estimate the number of cells still to come from the mean number of cells of finished pairs."""
         if not self._finished:
             return 0
         return max(0, round(self._of_finished / len(self._finished) * len(self._asks)) - self._asked_for)
 
 
 def stands(row: RunRow, cell: Cell) -> bool:
-    """Whether the row of a cell would not come out otherwise with the budget that is given now."""
+    """True if the row of ``cell`` stays valid: it is no timeout under a smaller time budget than the present one."""
     return row.status != Status.deadline.label or row.request["max_seconds"] >= cell.request["max_seconds"]
 
 
 def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
-    """What a task came to; where its executor has lost it, with the machine it was on for instance, it has crashed."""
+    """Return the result of a task; a task lost by its executor (with its machine, say) counts as crashed."""
     try:
         result = future.result()
     except ProblemError:  # no worker can start
@@ -191,7 +191,7 @@ def _result(future: Future[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _refuse_other_versions(environment: Mapping[str, Any]) -> None:
-    """A row is found again by the files and versions here: one that was made with others does not belong to its key."""
+    """Raise if a worker's libraries differ from those here, since rows are identified by the files and versions here."""
     for name, value in machine_facts().items():
         if name not in CLOCK and environment.get(name, value) != value:
             raise ProblemError(
@@ -201,10 +201,10 @@ def _refuse_other_versions(environment: Mapping[str, Any]) -> None:
 
 
 def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats: int, tell: Progress) -> int:
-    """Each alone on a core, in rounds over all: the repeats of a cell see the machine at different times.
+    """Time each cell alone on a core, in rounds over all cells, so that the repeats of a cell are spread over time.
 
-    Nothing is written while a cell is being timed: rows whose readings are complete are written at the end of a round,
-    or where it is interrupted; readings of the others are lost then.
+    Nothing is written while a cell is being timed: rows with complete readings are written at the end of a round
+    or when interrupted; incomplete readings are then lost.
     """
     rows = {cell.key: store.get(cell.key) for cell in cells}
     pending = {cell.key: (cell, row) for cell in cells if (row := rows[cell.key]) is not None and untimed(row)}
@@ -234,9 +234,9 @@ def _timing_pass(cells: Sequence[Cell], store: Store, pool: WorkerPool, repeats:
 
 
 def _one_a_core(cells: Mapping[str, Cell], pool: WorkerPool) -> Iterator[tuple[str, dict[str, Any]]]:
-    """A reading of every cell, as they come; never more under way than there are cores.
+    """Time every cell once and yield the readings as they come; at most as many cells run at once as there are cores.
 
-    A pool that has no more workers receives all cells at once: it sends each to the worker that has it compiled.
+    A pool with no more workers than cores receives all cells at once: it sends each to the worker that has it compiled.
     """
     waiting = iter(cells.items())
     most = len(cells) if pool.limits.jobs <= usable_cores() else usable_cores()
@@ -254,7 +254,7 @@ def _with_timing(row: RunRow, changes: Mapping[str, Any]) -> RunRow:
 
 
 def untimed(row: RunRow) -> bool:
-    """A success without times, or with those of another machine."""
+    """True for a successful row without times of this machine."""
     if not row.success:
         return False
     if row.timing.get("repeats") is None:

@@ -1,7 +1,7 @@
-"""The timing pass: readings of a clock, each long enough for it, of solves without output on the way.
+"""Timing pass: readings of the processor time of solves without intermediate output.
 
-A reading is processor time of one solve, taken alone on a core: what other work takes from that core does not count, and in
-a process of one thread it is the wall time of an idle machine.
+A reading is the processor time of one solve, taken alone on a core: it excludes what other processes take from that core,
+and for a process of one thread it equals the wall time on an idle machine.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from hhtbench.campaign.run import WARM_UP, Phase, of_plugins, request_of, text_o
 from hhtbench.protocol.system import Problem, Solver
 from hhtbench.solution.request import Request
 
-LEAST = 0.02  # s of solves in a reading: the clock's own steps, and what a process does beside, are far below
+MIN_READING = 0.02  # shortest reading [s of solves]: far above the clock's resolution and other activity of the process
 PATIENCE = 5.0  # times as much wall time, after which a reading of a solve that waits ends
-LONG = 0.05  # s: of longer solves one reading is enough, they vary little
+LONG = 0.05  # s: longer solves vary little and need one reading only
 DISTURBED = 1.2  # wall time over processor time above which something else ran on the core
 
 
 def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: bool, phase: Phase) -> dict[str, Any]:
-    """One reading; ``note`` where a solve failed."""
+    """Take one reading of a cell's time; the result holds ``note`` if a solve failed."""
     request = replace(without_output(problem, request_of(problem, asked)), max_seconds=None)  # it has kept its budget before
     if not warm:
         phase(WARM_UP)
@@ -38,12 +38,12 @@ def time_cell(problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: 
 
 
 def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any]:
-    """Of solves in a row, until they have taken ``LEAST``, the times of one [s]; what they found has been judged before."""
+    """Repeat the solve until ``MIN_READING`` seconds have passed and return the mean times of one solve [s]."""
     count, cpu, wall = 0, 0.0, 0.0
     gc.disable()
     try:
         begun, used = time.perf_counter(), time.process_time()
-        while cpu < LEAST and wall < PATIENCE * LEAST:
+        while cpu < MIN_READING and wall < PATIENCE * MIN_READING:
             found = solver.solve(problem, request)
             if not found.success:
                 return {"note": f"a timed solve ended with {found.status.label}: {found.message}"}
@@ -56,12 +56,12 @@ def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any
 
 
 def enough(readings: Sequence[Mapping[str, Any]]) -> bool:
-    """Whether no further reading is needed: it was long, or it failed and will again."""
+    """True if no further reading is needed: one took at least ``LONG`` seconds or failed."""
     return any("cpu_s" not in reading or reading["cpu_s"] >= LONG for reading in readings)
 
 
 def timing_of(readings: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """What a row's ``timing`` holds of all readings; of the median one what else is known."""
+    """Summarise all readings as a row's ``timing``; secondary values are those of the median reading."""
     failed = [reading for reading in readings if "cpu_s" not in reading]
     if failed:
         note = failed[0].get("note") or f"{failed[0].get('status')}: {failed[0].get('message')}"

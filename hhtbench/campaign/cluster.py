@@ -1,4 +1,4 @@
-"""A cluster of Dask as the executor of a campaign; the one module that needs the extra ``hhtbench[dask]``."""
+"""Executor on a Dask cluster; the only module that needs the extra ``hhtbench[dask]``."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ CONNECT = 30.0  # s to reach the scheduler
 
 @contextmanager
 def cluster_executor(address: str) -> Iterator[Executor]:
-    """The executor of the cluster whose scheduler is at ``address``.
+    """Context manager with the executor of the Dask cluster whose scheduler is at ``address``.
 
-    Each of its workers keeps processes of its own for the tasks, with time and memory limited as anywhere.  A task whose
+    Each of its workers starts processes of its own for the tasks, with limited time and memory.  A task whose
     worker is lost runs again on another: at least once, while the store takes its first row only.
 
     Raises
     ------
     ProblemError
-        Nobody answers there.
+        No scheduler answers there.
     """
     try:
         client = Client(address, timeout=CONNECT, set_as_default=False)

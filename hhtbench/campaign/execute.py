@@ -1,14 +1,14 @@
-"""Worker processes behind the interface of ``concurrent.futures``: a task that crashes, hangs or eats the memory costs
-only itself.
+"""Worker processes behind the interface of ``concurrent.futures``: a task that crashes, hangs or exhausts the memory
+costs only itself.
 
 Tasks go out one at a time, so nothing else is lost with a worker; they go where their problem and solver are loaded and
 compiled already.
 
 Pebble (5.2) and loky (3.7) were tried in this place.  With loky one killed worker fails every task that waits or runs (here
 none), and one that hangs in C hangs for good.  With Pebble both cost their task only, but a process that a task has forked
-lives on after its time limit, as does a worker in C after a kill of the runner (here, as with loky's, for ever; ours are
-gone at once).  Neither limits memory, tells compiling from solving in a time limit, or sends tasks of a compiled pair to the
-worker that has it.  What they cost, 0.3 and 0.6 ms a task, is no less: a worker here waits 0.3 ms between two tasks.
+survives its time limit, as does a worker in C after a kill of the runner (also with loky; ours are gone at once).  Neither
+limits memory, separates compiling from solving in a time limit, or sends tasks of a compiled pair to the worker that has
+it. Their overhead, 0.3 and 0.6 ms a task, is no smaller than here, 0.3 ms.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from hhtbench.catalogue.filespec import refuse_nested
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.solution.result import Status
 
-POLL = 0.05  # s between looks at deadlines and memory
+POLL = 0.05  # s between checks of deadlines and memory
 GRACE = 5.0  # s beyond its budget before a worker is killed: a solver that obeys its budget ends by itself
 START_LIMIT = 120.0  # s to start Python and import JAX
 COMPILE_LIMIT = 60.0  # s for compiling, and for measuring, beyond the budget of the solve
-MOST_KILLS = 3  # of workers under one task by others, after which the task is given up
-MOST_STARTS = 3  # of workers in a row that fail by themselves, after which no more is tried
-MOST_KILLED_STARTS = 20  # of workers in a row that somebody else kills while they start
+MOST_KILLS = 3  # kills from outside under one task, after which the task counts as crashed
+MOST_STARTS = 3  # consecutive failed starts of workers, after which the pool fails
+MOST_KILLED_STARTS = 20  # consecutive workers killed from outside while they start, after which the pool fails
 MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What one worker may use."""
+    """Number of worker processes and memory of each."""
 
     jobs: int = 2
     memory: int = 4 * 2**30  #: resident memory [bytes]
 
 
 def machine_limits(jobs: int | None = None) -> Limits:
-    """As many workers as cores, if no number is given, that share the machine's memory."""
+    """Return limits that share the machine's memory among ``jobs`` workers, by default one per core."""
     jobs = jobs or usable_cores()
     return Limits(jobs=jobs, memory=int(MEMORY_SHARE * total_memory() / jobs))
 
@@ -67,10 +67,10 @@ class Task:
 
 
 def run_task(task: Task) -> dict[str, Any]:
-    """The part of a row that ``task`` makes, whatever it does: a crash, a timeout, lack of memory are its ``status``.
+    """Run ``task`` and return its part of a row; a crash, a timeout or lack of memory becomes its ``status``.
 
-    A :class:`WorkerPool` runs it in its own workers.  Any other executor calls it where it wants to, in a thread or on
-    another machine: that process has workers of its own then.
+    A :class:`WorkerPool` runs it in its own workers.  Any other executor calls it in a thread or on another machine; that
+    process then starts workers of its own.
     """
     with _one_pool:
         pool = _pool_of_this_process()
@@ -87,7 +87,7 @@ def _pool_of_this_process() -> WorkerPool:
 
 @dataclass(eq=False)
 class _Entry:
-    """A task in the pool."""
+    """A submitted task with its future."""
 
     task: Task
     future: Future[dict[str, Any]]
@@ -95,13 +95,13 @@ class _Entry:
 
 
 class WorkerPool(Executor):
-    """An executor of :func:`run_task` alone; a context manager that leaves no process behind.
+    """Executor for :func:`run_task` only; a context manager that leaves no process behind.
 
-    One thread starts the workers, hands out, and watches deadlines and memory.  It lives as long as they do: the system
-    ends a worker with the thread that started it.
+    One thread starts the workers, hands out tasks, and watches deadlines and memory.  It lives as long as the workers do,
+    since the system ends a worker with the thread that started it.
 
-    A crash and a lack of memory count as the task's own only in a worker that has done nothing else before: what earlier
-    tasks have left behind is not its fault.  A worker that somebody else has killed says nothing about its task.
+    A crash or lack of memory is attributed to a task only in a worker that has done nothing else before, since earlier
+    tasks may have caused it.  A worker killed from outside proves nothing about its task.
     """
 
     def __init__(self, limits: Limits) -> None:
@@ -123,11 +123,11 @@ class WorkerPool(Executor):
         self._looked = 0.0
 
     def __exit__(self, kind: Any, *_: object) -> None:
-        """Wait for all tasks; after an exception, Ctrl-C too, end them."""
+        """Wait for all tasks; after an exception, Ctrl-C included, end them."""
         self.shutdown(wait=True, cancel_futures=kind is not None)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """``submit(run_task, task)``: the future's result is a mapping; only where no worker can start it raises."""
+        """Submit ``run_task, task``; the future's result is a mapping, and it raises only if no worker can start."""
         if fn is not run_task or kwargs or len(args) != 1 or not isinstance(args[0], Task):
             raise TypeError("a WorkerPool runs nothing but run_task(Task(...)).")
         entry = _Entry(args[0], Future())
@@ -146,7 +146,7 @@ class WorkerPool(Executor):
         return entry.future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers once all is done; ``cancel_futures`` ends them now, with what they work on."""
+        """End the workers once all tasks are done; with ``cancel_futures`` end them now, with their tasks."""
         with self._lock:
             self._closed = True
             self._cancelled = self._cancelled or cancel_futures
@@ -155,16 +155,18 @@ class WorkerPool(Executor):
             self._thread.join()
 
     def _wake(self) -> None:
-        """Under the lock: the thread closes the pipe under it when it ends."""
+        """Wake the pool's thread through its pipe; the caller holds the lock, under which the thread closes the pipe at its
+        end.
+        """
         if self._ring >= 0:
             os.write(self._ring, b"!")
 
     def _serve(self) -> None:
-        """The thread."""
+        """Main function of the pool's thread: hand out tasks and collect results until the pool is closed."""
         try:
             while not self._cancelled and (not self._closed or self._left()):
                 self._turn()
-        except BaseException as error:  # noqa: BLE001 - who waits for a future is told
+        except BaseException as error:  # noqa: BLE001 - it is raised where a future is waited for
             self._failure = error
         for worker in self._workers:
             worker.kill()
@@ -201,7 +203,7 @@ class WorkerPool(Executor):
         return bool(self._arrived or self._again or self._waiting or self._busy())
 
     def _refill(self) -> None:
-        """Start workers.  Every task of ``_again`` has left a place free, where a new worker takes it first."""
+        """Start workers up to the limit; tasks in ``_again`` need a fresh worker each."""
         fresh = sum(worker.tasks == 0 for worker in self._workers)
         wanted = len(self._busy()) + len(self._waiting) + len(self._again)
         while len(self._workers) < self.limits.jobs and (fresh < len(self._again) or len(self._workers) < wanted):
@@ -235,7 +237,7 @@ class WorkerPool(Executor):
             self._unanswered.discard(entry)
 
     def _receive(self, said: list[Any]) -> None:
-        """At the workers that have said something; every ``POLL`` at all: one may have died without a word."""
+        """Read results of the workers with news, and every ``POLL`` seconds check all, since one may have died silently."""
         every = time.monotonic() > self._looked + POLL
         if every:
             self._looked = time.monotonic()
@@ -254,13 +256,13 @@ class WorkerPool(Executor):
             if worker.worn:
                 self._dismiss(worker)
             else:
-                self._hand_out(worker)  # before the result is told: the worker need not wait for what becomes of it
+                self._hand_out(worker)  # before the result is delivered: the worker need not wait for its processing
             self._answer(entry, result)
         elif worker.task is not None or not worker.ready:
             self._enforce(worker)
 
     def _enforce(self, worker: WorkerProcess) -> None:
-        """Kill a worker that is over its time or memory."""
+        """Kill a worker that exceeds its time or memory."""
         limit = START_LIMIT
         if worker.task is not None:
             limit = worker.task.task.request["max_seconds"] + (
@@ -284,7 +286,7 @@ class WorkerPool(Executor):
         self._waiting.lost(worker)
 
     def _bury(self, worker: WorkerProcess, status: Status, message: str) -> None:
-        """End a worker that has failed; its task ends with ``status``, or is tried again."""
+        """Remove a failed worker; its task ends with ``status`` or is tried again."""
         killed_by = worker.killed_by  # before we kill it
         entry: _Entry | None = worker.task
         self._dismiss(worker)
@@ -305,7 +307,7 @@ class WorkerPool(Executor):
 
     @staticmethod
     def _proves_nothing(entry: _Entry, worker: WorkerProcess, status: Status, killed: bool) -> bool:
-        """The end of ``worker`` may have come from somebody else, or from what its earlier tasks have left behind."""
+        """True if the worker's end may come from outside or from its earlier tasks, so that the task is tried again."""
         if killed:
             return entry.kills < MOST_KILLS
         return worker.tasks > 1 and status is not Status.deadline

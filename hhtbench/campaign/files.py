@@ -1,4 +1,4 @@
-"""Campaigns as TOML files: every value checked against the fields of a campaign before anything runs."""
+"""Read campaigns from TOML files and check every value against the fields of a campaign."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WRONG = re.compile(r"(?P<text>.*?)(, got .*?)?( - at `\$\.(?P<place>[^`]*)`)?$")
 
 
 def named_campaign(name: str) -> Campaign:
-    """The campaign of the file ``hhtbench/campaign/<name>.toml``, or of ``name`` itself where that ends in .toml.
+    """Read the campaign ``hhtbench/campaign/<name>.toml``, or the file ``name`` if it ends in .toml.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def named_campaign(name: str) -> Campaign:
 
 
 def read_campaign(text: str, file: str = "campaign") -> Campaign:
-    """A campaign from TOML: fields of :class:`Campaign`, and ``[[grid]]`` tables with the fields of :class:`Grid`."""
+    """Read a campaign from TOML: fields of :class:`Campaign`, and ``[[grid]]`` tables with the fields of :class:`Grid`."""
     try:
         table = tomllib.loads(text)
         for place, key, known in _unknown(table):
@@ -62,7 +62,7 @@ def read_campaign(text: str, file: str = "campaign") -> Campaign:
 
 
 def _unknown(table: dict[str, Any]) -> Iterator[tuple[str, str, list[str]]]:
-    """Keys that no field has, with their place, and those that there are; msgspec passes over them in a dataclass."""
+    """Yield unknown keys as (place, key, known keys); msgspec ignores them in a dataclass."""
     known = [GRID, *(field.name for field in fields(Campaign) if field.name != "grids")]
     yield from ((key, key, known) for key in table if key not in known)
     grids, own = table.get(GRID), [field.name for field in fields(Grid)]
@@ -71,7 +71,7 @@ def _unknown(table: dict[str, Any]) -> Iterator[tuple[str, str, list[str]]]:
 
 
 def _said(text: str, table: dict[str, Any], error: str) -> str:
-    """Line, key, what was expected and what came."""
+    """Return msgspec's error as line, key, what was expected and what came."""
     found = WRONG.match(error)
     place = (found["place"] or "" if found else "").replace("grids", GRID, 1)
     came: Any = table
@@ -85,7 +85,7 @@ def _said(text: str, table: dict[str, Any], error: str) -> str:
 
 
 def _line(text: str, place: str) -> int:
-    """The line of a key, or of the table that lacks it."""
+    """Return the line number of a key, or of the table that lacks it."""
     steps = re.findall(r"\w+", place)
     grid = int(steps[1]) if steps[:1] == [GRID] and len(steps) > 1 else -1
     key = (steps[2:] if grid >= 0 else steps)[:1]

@@ -14,14 +14,14 @@ from typing import Any
 
 from hhtbench.protocol.evidence import environment
 
-CLOCK = ("machine", "system", "processor", "cores", "memory_GiB")  #: of the environment: what makes a machine fast
+CLOCK = ("machine", "system", "processor", "cores", "memory_GiB")  #: entries of the environment that times depend on
 SOLVER_LIBRARIES = ("scikit-sundae", "diffrax")
 GIT_SECONDS = 20.0  # after which the commit is unknown
 
 
 @cache
 def machine_facts() -> dict[str, Any]:
-    """``environment`` of a row: text and numbers."""
+    """Return ``environment`` of a row: versions of libraries, commit and the machine's properties."""
     facts: dict[str, Any] = {k: v for k, v in environment().items() if k != "date"}
     for library in SOLVER_LIBRARIES:
         try:
@@ -39,22 +39,22 @@ def machine_facts() -> dict[str, Any]:
 
 
 def clock_of(environment: Mapping[str, Any]) -> dict[str, Any]:
-    """The part of an environment that times depend on; times of two machines do not compare."""
+    """Return the part of an environment that times depend on; times of different machines do not compare."""
     return {name: environment.get(name) for name in CLOCK}
 
 
 def usable_cores() -> int:
-    """Cores that this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def total_memory() -> int:
-    """Memory of the machine [bytes]."""
+    """Return the machine's memory [bytes]."""
     return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def _commit() -> str:
-    """Of the tree that this file is from, "-dirty" with changes; "unknown" where it is in none, as when installed."""
+    """Return the git commit of this file's tree, with "-dirty" if changed; "unknown" outside a repository."""
     folder, name = os.path.split(__file__)
     git = ["git", "-C", folder]
     try:
@@ -72,7 +72,7 @@ def _commit() -> str:
 
 
 def _processor() -> str:
-    """The model as Linux names it, else what Python knows."""
+    """Return the processor's model name from /proc/cpuinfo, else what Python knows."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith("model name"):

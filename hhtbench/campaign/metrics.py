@@ -1,4 +1,4 @@
-"""One solution to the numbers and curves of a row; the keys are those of :class:`~hhtbench.campaign.store.rows.RunRow`."""
+"""Reduce a solution to the numbers and curves of a row; keys as in :class:`~hhtbench.campaign.store.rows.RunRow`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_STATES, MOST_NUMBERS = 11, 20_000  # rows of states, and numbers in them: f
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """Metrics and series of one solution as plain JSON, and what could not be measured."""
+    """Metrics and series of one solution as plain JSON, and a note on what could not be measured."""
 
     metrics: dict[str, Any]
     series: dict[str, Any]
@@ -30,7 +30,7 @@ class Measured:
 
 
 def measure(problem: Problem, solution: Solution) -> Measured:
-    """Everything a row holds about the trajectory.
+    """Measure errors, drift, states and multipliers of a solution for its row.
 
     A function of the problem that raises costs its own part only.
     """
@@ -51,7 +51,7 @@ def measure(problem: Problem, solution: Solution) -> Measured:
 
 
 def _for_plots(series: Any) -> Any:
-    """The same with fewer digits, a third of the text, but for times and for states, by which runs are compared."""
+    """Round the curves to ``DIGITS`` digits (a third of the text), except times and the states used to compare runs."""
     if isinstance(series, dict):
         return {name: value if name in ("states", "t") else _for_plots(value) for name, value in series.items()}
     if isinstance(series, list):
@@ -60,7 +60,7 @@ def _for_plots(series: Any) -> Any:
 
 
 def counters_of(counters: Counters) -> dict[str, Any]:
-    """``counters`` of a row."""
+    """Return ``counters`` of a row as plain values."""
     return plain({field.name: getattr(counters, field.name) for field in fields(counters)})
 
 
@@ -89,7 +89,7 @@ def _add_drift(problem: Problem, solution: Solution, metrics: dict[str, Any], se
 
 
 def spans(t: Vector, curves: dict[str, Vector], choose: Any = np.maximum) -> dict[str, Any]:
-    """At most ``MOST_POINTS`` times, ends of spans of equally many states, with each curve's largest value in the span."""
+    """Thin curves to at most ``MOST_POINTS`` spans of equally many states, keeping each curve's largest value in a span."""
     count = t.size
     starts = np.arange(min(count, MOST_POINTS)) * count // min(count, MOST_POINTS)
     ends = np.append(starts[1:], count) - 1
@@ -97,7 +97,7 @@ def spans(t: Vector, curves: dict[str, Vector], choose: Any = np.maximum) -> dic
 
 
 def _add_states(problem: Problem, solution: Solution, metrics: dict[str, Any], series: dict[str, Any]) -> None:
-    """Rows at equal distances, the last among them."""
+    """Add the states at up to ``MOST_STATES`` evenly spaced rows, the last one included."""
     count, width = solution.t.size, 2 * solution.q.shape[1]
     most = max(1, min(count, MOST_STATES, MOST_NUMBERS // max(1, width)))
     rows = np.unique(np.linspace(count - 1, 0, most).astype(int))

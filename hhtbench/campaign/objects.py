@@ -1,4 +1,4 @@
-"""Problems given as objects: a file that holds one names it; what no file names is solved in this process."""
+"""Campaigns on problems given as objects: through the file that holds one, else in this process."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ MTIME_ROUNDING = 2.0  # [s]; some file systems store times of change no finer
 
 @dataclass(frozen=True)
 class Named:
-    """Specs of problems, and the objects that some of them mean in this process alone."""
+    """Specs of problems, and the objects that some of them stand for in this process only."""
 
     specs: tuple[str, ...]
     held: dict[str, Problem] = field(default_factory=dict)  #: for :func:`hhtbench.catalogue.registry.holding`
@@ -36,14 +36,14 @@ class Named:
 
 
 def named(problems: Iterable[Any], **others: Any) -> Named:
-    """Specs of ``problems``, each a spec or a Problem; a warning and a note where objects are to be solved in this process.
+    """Return the specs of ``problems``, each a spec or a Problem; warn if objects must be solved in this process.
 
     Raises
     ------
     TypeError
         One is neither.
     ProblemError
-        Two objects have one name, or one of ``others``, that need a problem's file, is given where no file names one.
+        Two objects have one name, or one of ``others``, which need a problem's file, is given and there is no file.
     """
     refuse_nested()
     specs: list[str] = []
@@ -71,9 +71,9 @@ def named(problems: Iterable[Any], **others: Any) -> Named:
 
 
 def spec_in_file(problem: Problem) -> str | None:
-    """``my.py:problem`` where an imported file has this very object as a global; None where none has.
+    """Return ``my.py:problem`` if an imported file has this very object as a global; else None.
 
-    The main module may do anything when it is executed again, and a file that was changed since may hold another problem.
+    The main module is excluded, since executing it again may do anything, and so is a file changed since its import.
     """
     for name, module in list(sys.modules.items()):
         known = getattr(module, "__dict__", {})
@@ -91,14 +91,14 @@ def spec_in_file(problem: Problem) -> str | None:
 
 
 class ThisProcess(WorkerPool):
-    """Runs each task at once and here, for problems that no other process can load."""
+    """Executor that runs each task at once in this process, for problems that no other process can load."""
 
     def __init__(self) -> None:
         super().__init__(Limits(jobs=1))
         self._bench = Bench(lambda phase: None)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """A finished future of ``run_task(task)``."""
+        """Run the task now and return a finished future."""
         (task,) = args
         done = Inline().submit(self._bench.do, asdict(task))
         gc.unfreeze()  # what a warm-up froze for the rest of a worker's life

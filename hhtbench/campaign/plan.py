@@ -1,4 +1,4 @@
-"""From grids of problems and solvers to pairs, and from a pair's settings to cells, each with the key of its content."""
+"""Plan a campaign: from grids to pairs of problem and solver, and from a pair's settings to cells with content hashes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from hhtbench.solution.request import make_request
 
 OUTPUTS = 51  # output times: enough for a plot; work is measured by solves without them
 AXES = ("rtol", "step", "steps")
-BESIDE = ("max_seconds", "rules", "held_out", "reference_file")  # of a request: outside of the key
+BESIDE = ("max_seconds", "rules", "held_out", "reference_file")  # entries of a request that are not part of the key
 ACCURACIES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -47,13 +47,13 @@ class Grid:
 
     @property
     def explicit(self) -> bool:
-        """Whether its settings are given."""
+        """True if the settings are given, so that nothing is refined."""
         return bool(self.rtol or self.step or self.steps)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """What to run, the errors to reach, and what every solver is given for it."""
+    """What to run, the errors to reach, and the limits of every solver."""
 
     grids: tuple[Grid, ...]
     accuracies: tuple[Accuracy, ...] = ACCURACIES  #: achieved scaled errors
@@ -68,7 +68,7 @@ class Campaign:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One run to be made."""
+    """One run: problem, solver and request, with its content hash."""
 
     key: str  #: content hash: specs, request, sources, versions
     identity: str  #: hash of specs and request alone: a row of another key and this identity is out of date
@@ -93,11 +93,11 @@ class Pair:
 
     @property
     def name(self) -> tuple[str, ...]:
-        """What tells it from others of a plan."""
+        """Key of the pair in a plan: problem, solver and what is refined."""
         return self.problem, self.solver, self.kind
 
     def cell(self, asked: Mapping[str, Any], seconds: float) -> Cell:
-        """The cell of one setting that may take ``seconds`` [s]; these and the rules are outside of the key."""
+        """Return the cell of one setting with the time limit ``seconds`` [s]; limit and rules are not part of its key."""
         request = {"atol": None, **dict.fromkeys(AXES), **asked, **self.fixed}
         identity = _digest([self.problem, self.solver, request])
         beside: dict[str, Any] = {"max_seconds": seconds}
@@ -116,10 +116,10 @@ class Pair:
         )
 
     def next_cells(self, rows: Sequence[RunRow]) -> Sequence[Cell]:
-        """The cells to run after ``rows``, all of the pair's own so far; none where there is nothing more to run.
+        """Return the cells to run after ``rows``, all of the pair's own so far; none if the pair is finished.
 
         Nothing else decides: a resumed campaign that holds the rows asks for nothing, and the report calls the same
-        function (:mod:`hhtbench.campaign.analysis.ladder`) to say why an error was not reached.
+        function (:mod:`hhtbench.campaign.analysis.ladder`) to explain why an error was not reached.
         """
         if not self.kind:
             return () if rows else tuple(self.cell(asked, self.rules.max_seconds) for asked in self.given)
@@ -131,7 +131,7 @@ class Pair:
 
 
 def plan_pairs(campaign: Campaign, references: Mapping[str, Path] | None = None) -> tuple[Pair, ...]:
-    """Every problem by every solver, in the order of problems; ``references`` are files of certificates by problem.
+    """Return every pair of problem and solver, in the order of problems; ``references`` are certificate files by problem.
 
     Raises
     ------
@@ -171,7 +171,7 @@ def plan_pairs(campaign: Campaign, references: Mapping[str, Path] | None = None)
 
 
 def outdated(rows: Iterable[RunRow]) -> tuple[RunRow, ...]:
-    """Those that today's files and libraries would not make again: their key is not that of a cell planned now."""
+    """Return the rows that differ from today's files and libraries: their key is not that of a cell planned now."""
     reader = SourceReader()
     behind: dict[tuple[str, str], Mapping[str, str]] = {}
     found = []
@@ -189,7 +189,7 @@ def outdated(rows: Iterable[RunRow]) -> tuple[RunRow, ...]:
 
 
 def _combinations(campaign: Campaign) -> Iterable[tuple[Grid, str, str]]:
-    """Of specs that mean the same the first stands for all."""
+    """Yield grid, problem and solver of every cell group; of specs that mean the same the first stands for all."""
     problems, solvers = _first_alike(campaign, "problem"), _first_alike(campaign, "solver")
     for grid in campaign.grids:
         for problem in dict.fromkeys(problems[canonical(text)] for text in grid.problems):
@@ -198,7 +198,7 @@ def _combinations(campaign: Campaign) -> Iterable[tuple[Grid, str, str]]:
 
 
 def _first_alike(campaign: Campaign, kind: Literal["problem", "solver"]) -> dict[str, str]:
-    """Of every spec of the campaign the first one that means the same."""
+    """Map every spec of the campaign to the first one that means the same."""
     firsts: dict[str, str] = {}
     for text in dict.fromkeys(canonical(text) for grid in campaign.grids for text in getattr(grid, f"{kind}s")):
         firsts[text] = find_alike(kind, text, dict.fromkeys(firsts.values())) or text
@@ -225,7 +225,7 @@ def _once(settings: tuple[dict[str, Any], ...]) -> tuple[dict[str, Any], ...]:
 
 
 def _parse(text: str) -> Spec:
-    """The spec; a file it names must exist, but nothing is executed here."""
+    """Parse a spec; a file it names must exist, but is not executed."""
     spec = parse_spec(text)
     if spec.path is not None and not Path(spec.path).expanduser().is_file():
         raise NotFoundError(f"there is no file {spec.path} in {Path.cwd()}; give the path as seen from there.")
@@ -237,7 +237,7 @@ def _digest(content: Any) -> str:
 
 
 def restrict(campaign: Campaign, problems: Sequence[str], solvers: Sequence[str]) -> Campaign:
-    """The part of ``campaign`` on these problems and solvers; an empty list keeps all.
+    """Return the part of ``campaign`` on these problems and solvers; an empty list keeps all.
 
     Raises
     ------
@@ -257,7 +257,7 @@ def restrict(campaign: Campaign, problems: Sequence[str], solvers: Sequence[str]
 
 
 def _chosen(campaign: Campaign, kind: Literal["problem", "solver"], texts: Sequence[str]) -> list[str]:
-    """The campaign's own canonical specs of these."""
+    """Return the campaign's own canonical specs that mean the same as ``texts``."""
     there = list(dict.fromkeys(canonical(text) for grid in campaign.grids for text in getattr(grid, f"{kind}s")))
     found = [(text, find_alike(kind, text, there)) for text in texts]
     for text, known in found:

@@ -1,4 +1,4 @@
-"""The parent's side of one worker process of a campaign: hand over a task, follow its phases, notice its end."""
+"""Parent's side of a campaign's worker process: submit a task, follow its phases, notice its end."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST_SAID = 16 * 2**20  # bytes on stderr that are kept: a solver that writes wi
 
 
 class WorkerProcess(Process):
-    """One process of :mod:`hhtbench.campaign.worker`."""
+    """Handle of one process that runs :mod:`hhtbench.campaign.worker`."""
 
     def __init__(self) -> None:
         super().__init__("hhtbench.campaign.worker")
@@ -30,7 +30,7 @@ class WorkerProcess(Process):
         self.since = time.monotonic()  #: when the phase began
 
     def submit(self, task: Any, message: dict[str, Any]) -> None:
-        """Hand over a task; a worker that has died meanwhile is noticed by :meth:`receive`."""
+        """Send a task; if the worker has died, :meth:`receive` notices."""
         self.task, self.phase, self.since = task, "loading", time.monotonic()
         self.tasks += 1
         self._stderr.seek(0)
@@ -39,7 +39,7 @@ class WorkerProcess(Process):
             self.connection.send_bytes(json.dumps(message).encode())
 
     def receive(self) -> dict[str, Any] | None:
-        """The result, if it has arrived; phases on the way are noted.  EOFError where the worker is gone."""
+        """Return the result if it has arrived, else None, and record the current phase; EOFError if the worker is gone."""
         try:
             while self.connection.poll():
                 message = json.loads(self.connection.recv_bytes())
@@ -63,7 +63,7 @@ class WorkerProcess(Process):
             os.lseek(file, 0, os.SEEK_SET)  # the worker writes where its parent is: they share the place
 
     def resident(self) -> int:
-        """Memory in use [bytes]; 0 where the system does not say."""
+        """Return the resident memory [bytes]; 0 if the system does not report it."""
         try:
             return int(Path(f"/proc/{self._process.pid}/statm").read_text().split()[1]) * PAGE
         except (OSError, IndexError, ValueError):
@@ -71,6 +71,6 @@ class WorkerProcess(Process):
 
     @property
     def killed_by(self) -> signal.Signals | None:
-        """The signal by which others end processes, if it ended by one; a process that ends itself has other ways."""
+        """The signal from outside that ended the process, or None."""
         code = self._process.poll()
         return next((number for number in OUTSIDE if code == -number), None)

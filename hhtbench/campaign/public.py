@@ -27,7 +27,7 @@ from hhtbench.protocol.system import Problem
 
 @dataclass(frozen=True)
 class Runs(Printed):
-    """What a campaign came to; ``hhtbench.campaign.analysis`` has functions from ``rows`` to tables, fronts and curves."""
+    """Rows of a campaign; ``hhtbench.campaign.analysis`` has functions from ``rows`` to tables, fronts and curves."""
 
     rows: tuple[RunRow, ...]  #: one a solve, in the order of the campaign
 
@@ -36,7 +36,7 @@ class Runs(Printed):
         return f"<Runs: {len(self.rows)} rows{': ' if counts else ''}{counts}>"
 
     def table(self) -> list[dict[str, Any]]:
-        """The numbers that every table of the report starts from, one dict a row; None where nothing is known.
+        """Return one dict per row with the numbers that the report's tables start from; None if not known.
 
         ``problem``, ``solver``, ``setting`` ("rtol", "step" or "steps") and its ``value``, ``status``, ``message``,
         ``error`` (largest scaled error of q and v), ``time`` [s], ``evaluations``, ``position`` and ``velocity`` (drift).
@@ -59,14 +59,14 @@ class Runs(Printed):
         return found
 
     def to_csv(self, file: str | Path) -> None:
-        """Write :meth:`table` to ``file``, with a line of names."""
+        """Write :meth:`table` to ``file`` as CSV with a header."""
         with Path(file).open("w", newline="", encoding="utf-8") as stream:
             writer = csv.DictWriter(stream, NAMES)
             writer.writeheader()
             writer.writerows(self.table())
 
     def to_pandas(self) -> Any:
-        """:meth:`table` as a ``pandas.DataFrame``.
+        """Return :meth:`table` as a ``pandas.DataFrame``.
 
         Raises
         ------
@@ -144,7 +144,7 @@ def _solvers(given: Sequence[str] | str) -> tuple[str, ...]:
 
 
 def _value(name: str, value: Any) -> Any:
-    """A list as the tuple that a frozen campaign holds."""
+    """Convert a list or array to the tuple that a frozen campaign holds."""
     if name not in LISTS:
         return value.item() if isinstance(value, np.generic) else value
     if not isinstance(value, (list, tuple)) and np.ndim(value) != 1:

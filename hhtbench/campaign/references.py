@@ -1,4 +1,4 @@
-"""``--reference auto`` of a campaign: which problems to certify, and where their certificates lie."""
+"""References of ``--reference auto``: which problems of a campaign to certify, and the files of their certificates."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ NOT_THESE = (
 def auto_references(
     campaign: Campaign, store: Path, jobs: int, tell: Callable[[str], None], seconds: float = SECONDS
 ) -> dict[str, Path]:
-    """Problem -> the file of its certificate in ``<store>.references``, for problems that bring no truth of their own.
+    """Certify the problems without exact solution or reference; returns problem -> file in ``<store>.references``.
 
-    Each solve of a certificate may take ``seconds`` [s]; ``tell`` receives what was not certified.
+    Each solve of a certificate may take ``seconds`` [s]; ``tell`` receives messages on what was not certified.
     """
     if campaign.reference != "auto":
         return {}
@@ -37,7 +37,7 @@ def auto_references(
 
 
 def references_there(campaign: Campaign, store: Path) -> dict[str, Path]:
-    """Those of :func:`auto_references` that have been made; none is made now."""
+    """Return those files of :func:`auto_references` that exist already; none is made."""
     if campaign.reference != "auto":
         return {}
     files = {spec: file_of(digest, _folder(store)) for spec, digest in _digests(campaign).items()}

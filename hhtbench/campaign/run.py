@@ -1,8 +1,8 @@
-"""One cell in a worker: decline, warm up, solve, judge, measure.
+"""Run one cell in a worker: decline, warm up, solve, check, measure.
 
-Work is that of a solve to the end of the interval, without output on the way.  Errors, curves and drift come from another
-solve with output, which keeps its steps; of a solver that does not tell them drift comes from a third one, with output at
-every step.  Neither is timed or counted.
+Work is that of a solve to the end of the interval without intermediate output.  Errors, curves and drift come from another
+solve with output that stores its steps; for a solver that does not report its steps, drift comes from a third one with
+output at every step.  Neither is timed or counted.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from hhtbench.solution.request import Request, check_output_times
 from hhtbench.solution.result import Counters, Ends, Solution, Status, ends_of
 
 WARM_UP = "the warm-up"  #: name of the phase that compiles
-MEASURING = "the measurement"  #: of that which looks at every step
+MEASURING = "the measurement"  #: name of the phase that evaluates every step
 
 TIMED = (
     "best_s",
@@ -44,21 +44,21 @@ TIMED = (
 )  #: of ``timing``, null until the timing pass
 
 
-Phase = Callable[[str], None]  #: told what begins, so that the parent can limit it
+Phase = Callable[[str], None]  #: receives the name of the phase that begins; the parent limits its time
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What the judgement changes in a row, and adds."""
+    """Changes that the checks of a result make to its row."""
 
-    row: dict[str, Any] = field(default_factory=dict)  #: another status and message
-    note: str = ""  #: what was not judged
+    row: dict[str, Any] = field(default_factory=dict)  #: status and message that replace the solver's
+    note: str = ""  #: what could not be checked
     metrics: dict[str, Any] | None = None  #: ``metrics["trust"]``
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Status and solution of one solve, or why there is none."""
+    """Status and solution of one solve, or the reason why there is none."""
 
     status: Status
     message: str
@@ -68,13 +68,16 @@ class Outcome:
 
 
 def of_plugins() -> tuple[type[BaseException], ...]:
-    """What a plugin's or a user's code raises; a KeyboardInterrupt where SIGINT raises none, in workers."""
+    """Return the exception types to catch from a plugin's or a user's code.
+
+    KeyboardInterrupt is among them in workers, where SIGINT raises none.
+    """
     alone = signal.getsignal(signal.SIGINT) is signal.SIG_DFL
     return (Exception, SystemExit, KeyboardInterrupt) if alone else (Exception, SystemExit)
 
 
 def request_of(problem: Problem, asked: Mapping[str, Any]) -> Request:
-    """The Request of a cell: output at equal distances and at the times of the reference."""
+    """Return the Request of a cell: output at equal distances and at the times of the reference."""
     t0, t1 = problem.t_span
     times = np.linspace(t0, t1, asked["outputs"])
     if problem.reference is not None:
@@ -89,7 +92,7 @@ def request_of(problem: Problem, asked: Mapping[str, Any]) -> Request:
 
 
 def _apart(times: Vector, others: Vector, least: float) -> Vector:
-    """Those of ``times`` (k,) that are further than ``least`` [s] from each of ``others``.
+    """Return those of ``times`` (k,) that are further than ``least`` [s] from each of ``others``.
 
     Between two times one rounding error apart no solver can make a step.
     """
@@ -98,16 +101,16 @@ def _apart(times: Vector, others: Vector, least: float) -> Vector:
 
 
 def without_output(problem: Problem, request: Request) -> Request:
-    """The same request with its last row only."""
+    """Return the request with output at the end of the interval only."""
     return replace(request, t_eval=np.array([problem.t_span[1]]))
 
 
 def run_cell(
     problem: Problem, solver: Solver, asked: Mapping[str, Any], warm: dict[str, float], phase: Phase, draw: int = 0
 ) -> dict[str, Any]:
-    """Everything of the row but its key; ``warm["s"]`` keeps the time of the first warm-up of this pair.
+    """Run a cell and return its row without the key; ``warm["s"]`` stores the time of the pair's first warm-up.
 
-    ``draw`` chooses the rows of the result that are checked closely.
+    ``draw`` selects the rows of the result that are checked closely.
     """
     phase(WARM_UP)
     request = request_of(problem, asked)
@@ -146,19 +149,19 @@ def run_cell(
 
 
 def system_of(problem: Problem) -> dict[str, Any]:
-    """``metrics["system"]`` of a row: sizes, null where the functions cannot be called at the start, and tags."""
+    """Return ``metrics["system"]`` of a row: sizes (null if the functions raise at the start) and tags."""
     sizes: dict[str, int | None] = {"n": problem.q0.size, "m": None, "p": None}
-    with suppress(*of_plugins()):  # the solve has told it
+    with suppress(*of_plugins()):  # the solve has reported it
         found = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
         sizes |= {"m": found.m, "p": found.p}
     return {**sizes, "tags": list(problem.tags)}
 
 
 def call_of(problem: Problem, solver: Solver) -> dict[str, Any] | None:
-    """``metrics["call"]`` of a row: what one of the solver's residual evaluations is and costs; None where it is not known.
+    """Return ``metrics["call"]`` of a row: kind and operation count of the solver's residual evaluations; None if unknown.
 
-    Its operations, and those of a residual of the problem's own equations.  A solver that does not tell what it evaluates
-    is taken to need accelerations, which cost more.
+    It also holds the operations of a residual of the problem's own equations.  A solver that does not state what it
+    evaluates is taken to need accelerations, which cost more.
     """
     what, solved = "acceleration", problem
     with suppress(*of_plugins()):
@@ -172,12 +175,12 @@ def call_of(problem: Problem, solver: Solver) -> dict[str, Any] | None:
 
 
 def succeeded(outcome: Outcome) -> bool:
-    """Whether the end, or a terminal event, was reached and the result can be believed."""
+    """True if the end, or a terminal event, was reached and the result passed its checks."""
     return outcome.status in (Status.success, Status.event)
 
 
 def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
-    """One solve; whatever is raised becomes a status, with the partial solution where there is one."""
+    """Run one solve; an exception becomes a status, with the partial solution if there is one."""
     gc.collect()
     gc.disable()
     solution: Any = None
@@ -202,7 +205,7 @@ def attempt(problem: Problem, solver: Solver, request: Request) -> Outcome:
 
 
 def _work(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> Outcome:
-    """The solve without output on the way; ``outcome`` itself where its time was up: that would only be spent again."""
+    """Repeat the solve without intermediate output; return ``outcome`` itself if it ran out of time."""
     if outcome.status is Status.deadline:
         return outcome
     phase("the solve without output")
@@ -210,7 +213,7 @@ def _work(problem: Problem, solver: Solver, request: Request, outcome: Outcome, 
 
 
 def _counted(problem: Problem, solver: Solver, request: Request, counters: Counters, phase: Phase) -> Counters:
-    """From the solver's own counting run, untimed, where it has one because it cannot count in a compiled solve."""
+    """Return the counters of the solver's own untimed counting run if it has one, else ``counters``."""
     count = getattr(solver, "count", None)
     if not callable(count):
         return counters
@@ -222,9 +225,9 @@ def _counted(problem: Problem, solver: Solver, request: Request, counters: Count
 
 
 def _with_ends(problem: Problem, solver: Solver, request: Request, outcome: Outcome, phase: Phase) -> tuple[Solution, str]:
-    """The solution with the ends of its steps, where its end was reached, believed or not; and what speaks against them.
+    """Return the solution with the ends of its steps if its end was reached, and an objection to them, or "".
 
-    They are its own, or those of one more solve with output at every step, whose counters fit them.
+    The ends are its own, or those of one more solve with output at every step whose counters fit.
     """
     reached = (Status.success, Status.event, Status.unreliable)
     solution: Any = outcome.solution
@@ -245,7 +248,7 @@ def _with_ends(problem: Problem, solver: Solver, request: Request, outcome: Outc
 
 
 def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome, doubt: str, draw: int) -> Judged:
-    """Whether a success is believed: by its own rows and steps, and by the other solves of the same."""
+    """Check a success by its own rows and steps and by the other solves of the same cell."""
     if not succeeded(outcome) or outcome.solution is None:
         return Judged()
     if outcome.status is Status.event or any(map(np.size, outcome.solution.t_events)):  # a campaign asks for none
@@ -264,14 +267,14 @@ def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome,
 
 
 def status_of(error: BaseException) -> Status:
-    """The status of an exception; XLA reports a failed allocation under a name of its own."""
+    """Return the status for an exception; XLA reports a failed allocation under a name of its own."""
     if isinstance(error, MemoryError) or "RESOURCE_EXHAUSTED" in str(error):
         return Status.out_of_memory
     return Status.declined if isinstance(error, ProblemError) else Status.user_exception
 
 
 def text_of(error: BaseException) -> str:
-    """Type, text and the line that raised."""
+    """Format an exception as type, text and the line that raised."""
     frame, place = error.__traceback__, ""
     while frame is not None and frame.tb_next is not None:
         frame = frame.tb_next
@@ -281,7 +284,7 @@ def text_of(error: BaseException) -> str:
 
 
 def warm_up(problem: Problem, solver: Solver, request: Request) -> float:
-    """Compile what the solve compiles, by the solver's own ``warm_up`` or by one solve; what fails will fail again."""
+    """Compile before the timed solve, by the solver's own ``warm_up`` or by one solve; returns the seconds it took."""
     started = time.perf_counter()
     own = getattr(solver, "warm_up", None)
     if callable(own):

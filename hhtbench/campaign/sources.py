@@ -1,4 +1,4 @@
-"""Which files and libraries a result rests on: found by reading imports, without importing anything."""
+"""Find the files and libraries that a result depends on by reading import statements, without importing anything."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NAMED_BY_STEM = {".json", ".toml"}  #: data that a module may name without its e
 
 @dataclass(frozen=True)
 class _Module:
-    """One Python file, by the name an import statement gives it."""
+    """One Python file with its dotted module name."""
 
     name: str
     file: Path
@@ -33,7 +33,7 @@ class _Module:
 
 @dataclass(frozen=True)
 class _Read:
-    """What one file's text says."""
+    """Digest, imports and string constants of one file."""
 
     digest: str
     imports: tuple[str, ...]  #: dotted names; for ``from a import b`` both ``a`` and ``a.b``
@@ -41,7 +41,7 @@ class _Read:
 
 
 class SourceReader:
-    """Reads every file once, and follows every problem and solver once; make one for each plan."""
+    """Cache that reads every file once and follows the imports of every problem and solver once; make one per plan."""
 
     def __init__(self) -> None:
         self._read: dict[Path, _Read] = {}
@@ -51,7 +51,9 @@ class SourceReader:
         self._behind: dict[_Module, dict[str, str]] = {}
 
     def behind(self, problem: Spec, solver: Spec) -> dict[str, str]:
-        """Content hash of every file and version of every library behind a run of ``solver`` on ``problem``."""
+        """Return content hashes of all files and versions of all libraries that a run of ``solver`` on ``problem`` depends
+        on.
+        """
         found: dict[str, str] = {}
         starts = [self._start("problem", problem), self._start("solver", solver), *map(self._module, NUMERICS)]
         for start in filter(None, starts):
@@ -61,7 +63,9 @@ class SourceReader:
         return {**found, "python": ".".join(platform.python_version_tuple()[:2])}
 
     def _followed(self, start: _Module) -> dict[str, str]:
-        """``start``, its data and all it imports of its own package and of hhtbench, directly or not; its libraries."""
+        """Return the hashes of ``start``, its data files and all it imports, directly or not, and the names of its
+        libraries.
+        """
         if start not in self._behind:
             self._behind[start] = self._follow(start)
         return self._behind[start]
@@ -110,7 +114,7 @@ class SourceReader:
         return self._read[module.file]
 
     def _data(self, module: _Module) -> Iterator[tuple[str, str]]:
-        """Data files in the module's folder, and in those below it, whose names are strings of the module."""
+        """Yield name and hash of the data files in the module's folder whose name the module mentions."""
         words = self._reading(module).words
         inner = (f for f in module.file.parent.iterdir() if f.is_dir() and f.suffix != ".references")  # beside a store
         folders = [module.file.parent, *inner]
@@ -124,7 +128,7 @@ class SourceReader:
 
 @lru_cache(maxsize=1024)  # a process that plans again parses only what has changed
 def _read(text: bytes, package: str) -> _Read:
-    """What the ``text`` of a module in ``package`` says."""
+    """Parse the ``text`` of a module in ``package``."""
     digest = hashlib.sha256(text).hexdigest()
     try:
         tree = ast.parse(text)
@@ -135,9 +139,9 @@ def _read(text: bytes, package: str) -> _Read:
 
 
 def _find(name: str, folders: tuple[Path, ...]) -> _Module | None:
-    """The file of a dotted name, whose first part lies in ``folders``; None for one that is no file.
+    """Return the file of a dotted module name whose first part lies in ``folders``; None if there is no file.
 
-    Nor is ``hhtbench`` itself one, which only re-exports.
+    ``hhtbench`` itself gives None, since it only re-exports.
     """
     rest = name.split(".")[1:]
     if name == "hhtbench":
@@ -150,23 +154,23 @@ def _find(name: str, folders: tuple[Path, ...]) -> _Module | None:
 
 
 def _file_at(place: Path) -> Path | None:
-    """The module's or the package's file."""
+    """Return the module's ``.py`` file or the package's ``__init__.py``; None if neither exists."""
     return next((f for f in (place.with_name(f"{place.name}.py"), place / "__init__.py") if f.is_file()), None)
 
 
 def _folders(top: str) -> tuple[Path, ...]:
-    """Where a top-level package or module lies, without importing it; that of a distribution before a user's."""
+    """Return the places of a top-level package or module without importing it, a distribution's before a user's."""
     return tuple(dict.fromkeys((*own_folders(top, tuple(plugins.GROUPS.values())), *locations(top))))
 
 
 def _neighbour(root: Path | None, name: str) -> _Module | None:
-    """A file beside a user's file, imported by its bare name."""
+    """Return the file beside a user's file that it imports by the bare ``name``; None if there is none."""
     file = None if root is None else _file_at(root.joinpath(*name.split(".")))
     return None if file is None else _Module(name, file, root)
 
 
 def _imports(tree: ast.AST, package: str) -> Iterator[str]:
-    """Names imported anywhere in ``tree`` except for type checking."""
+    """Yield the names imported anywhere in ``tree``, except under ``TYPE_CHECKING``."""
     for node in ast.iter_child_nodes(tree):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)

@@ -1,4 +1,4 @@
-"""What a store holds, and what of a campaign is left to do in it."""
+"""Report what a store holds and what of a campaign is left to run."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from hhtbench.campaign.references import references_there
 from hhtbench.campaign.store import Reading, RunRow, read_store
 from hhtbench.campaign.summary import ended, failure_facts, failure_lines
 
-MADE_WITH = ("python", "hhtbench", "commit")  # of a row's environment, beside what makes a machine fast
+MADE_WITH = ("python", "hhtbench", "commit")  # entries of a row's environment that are reported beside the machine
 MACHINE = "{processor}, {cores} cores, {memory_GiB} GiB, {system}; Python {python}, hhtbench {hhtbench} ({commit})"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Left:
-    """What of a campaign is not there yet.
+    """Work of a campaign that is not done yet.
 
-    A pair of problem and solver that is refined asks for its next cell when it has seen the last one: how many more will
-    follow, nobody knows before.
+    A pair of problem and solver that is refined asks for its next cell only after the last one, so the number of cells
+    still to come is not known.
     """
 
     campaign: str
@@ -46,7 +46,7 @@ class Left:
 
 @dataclass(frozen=True, kw_only=True)
 class StoreStatus:
-    """What :func:`status_of` finds."""
+    """Content of a store as :func:`status_of` reports it."""
 
     file: Path
     reading: Reading
@@ -54,18 +54,18 @@ class StoreStatus:
 
     @property
     def rows(self) -> tuple[RunRow, ...]:
-        """Those that can be read."""
+        """Rows that can be read."""
         return tuple(row for _, row in self.reading.sound)
 
     @property
     def span(self) -> tuple[str, str] | None:
-        """When the first and the last row were made, UTC; None where there is none."""
+        """Dates (UTC) of the first and the last row; None if there is none."""
         times = sorted(row.created for row in self.rows)
         return (times[0], times[-1]) if times else None
 
     @property
     def machines(self) -> list[dict[str, Any]]:
-        """Where and with what the rows were made, and how many: in the order of their first rows."""
+        """Machines and versions that made the rows, with the number of rows, in the order of first appearance."""
         found: list[dict[str, Any]] = []
         for row in self.rows:
             facts = clock_of(row.environment) | {key: row.environment.get(key) for key in MADE_WITH}
@@ -83,7 +83,7 @@ class StoreStatus:
         return "\n".join([*lines, *([] if self.left is None else [str(self.left)])])
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values for JSON."""
         return {
             "schema": "hhtbench.status/1",
             "store": str(self.file),
@@ -100,7 +100,8 @@ class StoreStatus:
 
 
 def status_of(file: Path, name: str = "", campaign: Campaign | None = None) -> StoreStatus:
-    """What the store ``file`` holds; with a campaign of that ``name`` what it would still run.  Nothing is run or written.
+    """Report what the store ``file`` holds and, with a campaign called ``name``, what is left to run.  Nothing is run or
+    written.
 
     Raises
     ------
@@ -130,7 +131,7 @@ def _left(name: str, pairs: tuple[Pair, ...], rows: Mapping[str, RunRow]) -> Lef
 
 
 def _asked(pair: Pair, rows: Mapping[str, RunRow]) -> tuple[list[Cell], list[Cell]]:
-    """Cells of a pair that are there, and those that it would run next."""
+    """Return the cells of a pair that the store holds, and those that it would run next."""
     there: list[Cell] = []
     while cells := pair.next_cells([rows[cell.key] for cell in there]):
         missing = [cell for cell in cells if cell.key not in rows or not stands(rows[cell.key], cell)]

@@ -1,4 +1,4 @@
-"""What rows of a campaign come to, as text and as plain values."""
+"""Summaries of a campaign's rows as text and as plain values."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ ANY = "any"  # status that is neither success, event nor declined
 
 
 def failure_lines(rows: Iterable[RunRow]) -> list[str]:
-    """The first ``MOST_SHOWN`` reasons as text, and how many more there are."""
+    """Return one line for each of the first ``MOST_SHOWN`` reasons of failure, and the number of further ones."""
     lines = list(map(_line, failures(rows)))
     return lines[:MOST_SHOWN] + ([f"... and {len(lines) - MOST_SHOWN} more lines"] if len(lines) > MOST_SHOWN else [])
 
@@ -31,7 +31,7 @@ def _line(failure: Failure) -> str:
 
 
 def failure_facts(rows: Iterable[RunRow]) -> list[dict[str, Any]]:
-    """The same of all reasons as plain values, for JSON."""
+    """Return all reasons of failure with their cells as plain values, for JSON."""
     return [
         {"status": one.status, "message": one.message, "cells": [_cell(row) | {"message": row.message} for row in one.rows]}
         for one in failures(rows)
@@ -43,17 +43,17 @@ def _cell(row: RunRow) -> dict[str, Any]:
 
 
 def ended(rows: Iterable[RunRow]) -> str:
-    """How many ended how."""
+    """Return the numbers of rows by status as text, "12 success, 3 deadline"."""
     return ", ".join(f"{count} {status}" for status, count in Counter(row.status for row in rows).most_common())
 
 
 def is_failure(row: RunRow, fail_on: tuple[str, ...]) -> bool:
-    """Whether a row ended with one of these statuses; ``ANY``: neither well nor declined."""
+    """True if a row ended with one of the statuses ``fail_on``; ``ANY``: neither well nor declined."""
     return row.status in fail_on or (ANY in fail_on and not row.success and row.status != Status.declined.label)
 
 
 def text_of(done: Done, file: Path) -> str:
-    """How many cells ended how, what did not end well, and where the rows are."""
+    """Summarise a campaign as text: failures, contradictions, number of cells by status, the store's file."""
     contradicted = [
         f"{row.problem}  {row.solver}  {_asked(row.request)}: came out otherwise a second time; the first row stays"
         for row in done.contradictions
@@ -64,7 +64,7 @@ def text_of(done: Done, file: Path) -> str:
 
 
 def facts_of(done: Done, file: Path, repairs: Sequence[str]) -> dict[str, Any]:
-    """The same as plain values, and the numbers of every cell."""
+    """Summarise a campaign as plain values, with the numbers of every cell."""
     return {
         "store": str(file),
         "repairs": list(repairs),

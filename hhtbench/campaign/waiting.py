@@ -1,4 +1,4 @@
-"""Tasks that wait for a worker: which one suits a worker best is found in constant time, however many wait."""
+"""Queue of tasks that finds the task that suits a worker best in constant time."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ ENOUGH_TO_COMPILE = 4  # waiting tasks of one pair for which another worker comp
 
 
 class WaitingTasks:
-    """Tasks by pair of problem and solver; a worker is best given what it has loaded and compiled.
+    """Queue of tasks by pair of problem and solver; a worker is given what it has loaded and compiled, if possible.
 
-    The order: a pair that the worker has; a new pair of a problem that it has; a new pair of a problem that nobody has; a
-    new pair of another's problem; a pair of another's of which so many wait that compiling it again pays.  A pair is new
-    until a worker takes its first task; the rest of it waits for that worker.  Every set below is a dict without values,
-    which keeps the order of arrival.
+    Order of preference: a pair that the worker has; a new pair of a problem that it has; a new pair of a problem that no
+    worker has; a new pair of another worker's problem; a pair of another worker with so many tasks that compiling it again
+    pays.  A pair is new until a worker takes its first task; the rest of it waits for that worker.  Every set below is a
+    dict without values, which keeps the order of arrival.
     """
 
     def __init__(self) -> None:
@@ -33,13 +33,13 @@ class WaitingTasks:
         return self._count
 
     def put(self, pair: tuple[str, str], task: Any) -> None:
-        """``task`` of ``pair`` (problem, solver) waits, behind those of its pair."""
+        """Append ``task`` to the queue of ``pair`` (problem, solver)."""
         self._tasks.setdefault(pair, deque()).append(task)
         self._count += 1
         self._note(pair)
 
     def take(self, worker: Hashable) -> Any:
-        """The task that suits ``worker`` best, or None; from now on it has the task's pair."""
+        """Remove and return the task that suits ``worker`` best, or None; the worker then owns the task's pair."""
         pair = self._best(worker)
         if pair is None:
             return None
@@ -50,7 +50,7 @@ class WaitingTasks:
         return task
 
     def lost(self, worker: Hashable) -> None:
-        """``worker`` is gone: what it alone had is new again."""
+        """Forget ``worker``, which is gone: pairs that only it had are new again."""
         self._own.pop(worker, None)
         self._familiar.pop(worker, None)
         for problem in [problem for problem, workers in self._loaded.items() if worker in workers]:
@@ -85,7 +85,7 @@ class WaitingTasks:
             self._drop_new(pair)
 
     def _note(self, pair: tuple[str, str]) -> None:
-        """Sort the pair in anew, after the number of its tasks or its owners have changed."""
+        """Update the sets for ``pair`` after its tasks or its owners have changed."""
         waiting, owners = self._tasks.get(pair, ()), self._owners.get(pair, {})
         if not waiting:
             self._tasks.pop(pair, None)

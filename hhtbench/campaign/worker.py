@@ -1,4 +1,4 @@
-"""The worker process: receives one task at a time over a pipe and answers with JSON."""
+"""Worker process: receives one task at a time over a pipe and answers with JSON."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from hhtbench.solution.result import Status
 
 
 def serve(descriptor: int, parent: int) -> None:
-    """Answer tasks until the pipe closes; ``parent`` is the process that must be alive."""
+    """Answer tasks until the pipe closes or the process ``parent`` ends."""
     connection = opened(descriptor, parent)
     bench = Bench(lambda phase: connection.send_bytes(json.dumps({"phase": phase}).encode()))
     connection.send_bytes(json.dumps({"ready": True}).encode())
@@ -36,7 +36,7 @@ def serve(descriptor: int, parent: int) -> None:
 
 
 def _worn() -> bool:
-    """So many files are open that a later task could fail by it."""
+    """True if so many files are open that a later task could fail."""
     try:
         return 2 * len(os.listdir("/proc/self/fd")) > resource.getrlimit(resource.RLIMIT_NOFILE)[0]
     except OSError as error:
@@ -44,7 +44,7 @@ def _worn() -> bool:
 
 
 class Bench:
-    """Problems, solvers and compiled code that stay between the tasks of one process."""
+    """Cache of problems, solvers and compiled code between the tasks of one process."""
 
     def __init__(self, tell: Phase) -> None:
         self._tell = tell
@@ -53,7 +53,7 @@ class Bench:
         self._warm: dict[tuple[str, str], dict[str, float]] = {}
 
     def do(self, task: dict[str, Any]) -> dict[str, Any]:
-        """One task; never raises what a plugin or a user's function raised."""
+        """Run one task; exceptions of plugins and users' functions become a status or a note."""
         try:
             return self._do(task)
         except of_plugins() as error:  # it costs this task only
@@ -80,5 +80,5 @@ class Bench:
         if task["repeats"]:
             return time_cell(problem, solver, task["request"], "s" in warm, self._tell)
         asked = {name: task["request"].get(name) for name in ("rtol", "atol", "step", "steps")}
-        draw = zlib.crc32(json.dumps([*names, asked]).encode())  # of what is in the cell's key, without the sources
+        draw = zlib.crc32(json.dumps([*names, asked]).encode())  # depends on the cell's specs and request, not on sources
         return run_cell(problem, solver, task["request"], warm, self._tell, draw)

@@ -1,4 +1,4 @@
-"""Executes one Python file from its path and takes one attribute of it: ``my_file.py:problem``."""
+"""Load one attribute of a Python file given by its path: ``my_file.py:problem``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _EXECUTED: ContextVar[str] = ContextVar("executed", default="")  # the file that
 
 
 def load_attribute(path: str, name: str) -> Any:
-    """The attribute ``name`` of the file ``path`` (relative to the working folder).
+    """Execute the file ``path`` (relative to the working folder) and return its attribute ``name``.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def load_attribute(path: str, name: str) -> Any:
 
 
 def refuse_nested() -> None:
-    """Raise where a campaign would start from what a campaign loads or calls: a script that names itself has no end.
+    """Raise if a campaign is started from a file that a campaign is loading or in a worker process (endless recursion).
 
     Raises
     ------
@@ -56,7 +56,7 @@ def refuse_nested() -> None:
 
 
 def _module(file: Path, shown: str) -> ModuleType:
-    """The executed file; the same content is executed once, so that its classes stay the same."""
+    """Execute the file and return its module; the same content is executed once, so that its classes stay identical."""
     try:
         source = file.read_bytes()
     except OSError as error:
@@ -84,7 +84,7 @@ def _module(file: Path, shown: str) -> ModuleType:
 
 @contextmanager
 def _executed_at(file: Path) -> Iterator[None]:
-    """The file may import its neighbours; at the end of the path they hide nothing that is installed."""
+    """Context manager in which the file may import its neighbours: its folder is last on ``sys.path``, hiding nothing."""
     entry, token = str(file.parent), _EXECUTED.set(file.name)
     sys.path.append(entry)
     try:
@@ -97,7 +97,7 @@ def _executed_at(file: Path) -> Iterator[None]:
 
 
 def _place(file: Path, error: Exception) -> str:
-    """The file's own line that failed, not the line deep inside a library."""
+    """Return the file name and the file's own line that raised, not the line inside a library."""
     if isinstance(error, SyntaxError) and error.filename == str(file):
         return f"{file.name}, line {error.lineno},"
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == str(file)]
@@ -118,4 +118,4 @@ def _offer(module: ModuleType, name: str) -> str:
         for key, value in vars(module).items()
         if isinstance(value, Problem) or getattr(value, "__module__", None) == module.__name__
     ]
-    return f"it defines {', '.join(own) or 'nothing'}."
+    return f"it defines {', '.join(own) or 'no problem, function or class'}."

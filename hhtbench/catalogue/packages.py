@@ -1,7 +1,7 @@
-"""Where the modules of distributions lie, also when a folder of the same name lies beside a user's script.
+"""Find the modules of installed distributions even if a folder of the same name lies beside a user's script.
 
-``solvers`` and ``problems`` are names that anybody may give to a folder.  Python has one package of a name: here it gets
-both folders, so that the modules of both are found, as long as no module of the one has the name of one of the other.
+``solvers`` and ``problems`` are names that anybody may give to a folder, and Python imports one package of a name.  Here
+that package gets both folders, so that the modules of both are found, unless both have a module of the same name.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from hhtbench.protocol.errors import ProblemError
 
 
 def make_findable(entry: EntryPoint) -> None:
-    """See to it that Python finds the module of ``entry`` in its own distribution.
+    """Make sure that Python imports the module of ``entry`` from its own distribution and not from a user's folder.
 
-    Nothing of a user's is executed: where neither package is imported yet, it is the distribution's that will be.
+    No user's file is executed: if neither package is imported yet, the distribution's is imported.
 
     Raises
     ------
     ProblemError
-        A user's file, or a module in a user's folder, has the name of one of the distribution's.
+        A user's file hides the package, or both folders have a module of the same name.
     """
     top = entry.module.partition(".")[0]
     if not hidden(entry):
@@ -49,7 +49,7 @@ def make_findable(entry: EntryPoint) -> None:
 
 
 def _import_package(top: str, own: Path, theirs: list[Path]) -> None:
-    """Import the distribution's package, whose modules are looked for in the users' folders too."""
+    """Import the distribution's package with the users' folders appended to its ``__path__``."""
     folders = [str(own), *map(str, theirs)]
     spec = importlib.util.spec_from_file_location(top, own / "__init__.py", submodule_search_locations=folders)
     if spec is None or spec.loader is None:
@@ -63,32 +63,32 @@ def _import_package(top: str, own: Path, theirs: list[Path]) -> None:
 
 
 def hidden(entry: EntryPoint) -> bool:
-    """Whether Python finds no file of the distribution's under the name of its package."""
+    """True if a user's file or folder hides the distribution's package of the same name."""
     roots, found = _roots(entry), locations(entry.module.partition(".")[0])
     return bool(roots) and bool(found) and not any(place.is_relative_to(root) for place in found for root in roots)
 
 
 def own_folder(entry: EntryPoint) -> Path | None:
-    """The folder of the distribution's own top-level package; None where it has none."""
+    """Return the folder of the distribution's own top-level package; None if it has none."""
     top = entry.module.partition(".")[0]
     candidates = [folder / top for root in _roots(entry) for folder in (root, root / "src")]
     return next((folder for folder in candidates if (folder / "__init__.py").is_file()), None)
 
 
 def own_folders(top: str, groups: tuple[str, ...]) -> tuple[Path, ...]:
-    """The folders of all distributions that register something in a package of that name."""
+    """Return the package folders named ``top`` of all distributions that register entry points of ``groups`` in it."""
     entries = (entry for group in groups for entry in entry_points(group=group) if entry.module.partition(".")[0] == top)
     return tuple(dict.fromkeys(folder for entry in entries if (folder := own_folder(entry)) is not None))
 
 
 def locations(package: str) -> list[Path]:
-    """Where Python finds a top-level package or module, without executing it."""
+    """Return the paths where Python finds a top-level package or module, without executing it."""
     spec = _spec(package)
     return [*_folders(package), *([Path(spec.origin).resolve()] if spec is not None and spec.origin else ())]
 
 
 def _folders(package: str) -> list[Path]:
-    """The folders of a package; none of a module that is a single file."""
+    """Return the folders of a package; an empty list for a module that is a single file."""
     spec, module = _spec(package), sys.modules.get(package)
     known = None if module is None else getattr(module, "__path__", None)  # it can have grown since its import
     found = known if known is not None else (spec.submodule_search_locations if spec is not None else None)
@@ -96,7 +96,7 @@ def _folders(package: str) -> list[Path]:
 
 
 def owner(entry: EntryPoint) -> str:
-    """Name and version of the distribution."""
+    """Return name and version of the distribution that registers ``entry``."""
     return f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "an unknown distribution"
 
 
@@ -108,7 +108,7 @@ def _spec(package: str) -> ModuleSpec | None:
 
 
 def _modules(folder: Path) -> set[str]:
-    """Names that can be imported from a package's folder."""
+    """Return the names of the modules and subpackages in a package's folder."""
     if not folder.is_dir():
         return set()
     files = {entry.stem for entry in folder.iterdir() if entry.suffix == ".py"}
@@ -118,7 +118,7 @@ def _modules(folder: Path) -> set[str]:
 
 @cache
 def _origin(text: str) -> Path | None:
-    """The project's folder of an editable distribution, from its direct_url.json."""
+    """Return the project folder of an editable installation from the text of its direct_url.json; else None."""
     origin = json.loads(text)
     if not origin.get("dir_info", {}).get("editable"):
         return None
@@ -126,7 +126,7 @@ def _origin(text: str) -> Path | None:
 
 
 def _roots(entry: EntryPoint) -> list[Path]:
-    """Folders that may hold the distribution's modules: where it is installed, or its project if editable."""
+    """Return the folders that may hold the distribution's modules: site-packages, and the project folder if editable."""
     if entry.dist is None:
         return []
     project = _origin(entry.dist.read_text("direct_url.json") or "{}")

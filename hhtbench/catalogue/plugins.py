@@ -1,4 +1,4 @@
-"""Finds what distributions register under the entry-point groups, and imports one of them at a time."""
+"""Find the entry points that distributions register, and import one of them at a time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ GROUPS = {
     "name": "hhtbench.names",
 }
 
-METHODS = {  # what people type for a solver that has it as a method
+METHODS = {  # names of methods -> how to ask for them: "did you mean" for unknown solvers
     "dop853": "projected(method=DOP853) or scipy(method=DOP853)",
     **dict.fromkeys(("rk45", "rk23", "rk4"), "projected(method=RK45)"),
     **{name.lower(): f"scipy(method={name})" for name in ("Radau", "BDF", "LSODA")},
@@ -35,12 +35,12 @@ _loaded: dict[tuple[str, str], tuple[Any, str, ModuleType, Any]] = {}  # reading
 
 
 def names(kind: str) -> list[str]:
-    """Sorted names registered for ``kind``, a key of ``GROUPS``; nothing is imported."""
+    """Return the sorted names registered for ``kind``, a key of ``GROUPS``; nothing is imported."""
     return sorted({entry.name for entry in entry_points(group=GROUPS[kind])})
 
 
 def find(kind: str, name: str) -> EntryPoint:
-    """The one entry point of that name.
+    """Return the only entry point of that name.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def load(kind: str, name: str) -> Any:
 
 
 def _imported(kind: str, name: str, entry: EntryPoint) -> tuple[Any, ModuleType]:
-    """The registered object and its module."""
+    """Import the entry point's module and return the registered object and the module."""
     make_findable(entry)
     try:
         module = importlib.import_module(entry.module)
@@ -87,7 +87,7 @@ def _imported(kind: str, name: str, entry: EntryPoint) -> tuple[Any, ModuleType]
 
 
 def summaries(kind: str) -> dict[str, str]:
-    """Sorted names and the first lines of their modules' docstrings, "" where there is none; nothing is imported."""
+    """Return the sorted names with the first lines of their modules' docstrings ("" if none); nothing is imported."""
     found: dict[str, list[EntryPoint]] = {}
     for entry in entry_points(group=GROUPS[kind]):  # once: it reads what every distribution registers
         found.setdefault(entry.name, []).append(entry)
@@ -121,7 +121,8 @@ def _unknown(kind: str, name: str) -> str:
         return f"{text} None is registered: is the distribution installed (pip install -e .)?"
     method = METHODS.get(name.lower()) if kind == "solver" else None
     text += f" Did you mean {method}?" if method else did_you_mean(name, known)
-    return f"{text} `hhtbench list` shows all; a file is named as FILE.py:{name}."
+    file = f"; a file is named as FILE.py:{name}" if kind in ("problem", "solver") else ""
+    return f"{text} `hhtbench list` shows all{file}."
 
 
 def _places(module: str) -> str:

@@ -1,4 +1,4 @@
-"""Problems, solvers and verifications by name, by file or as objects; nothing is imported before it is asked for."""
+"""Load problems, solvers and verifications by name, from a file or as objects; modules are imported when asked for."""
 
 from __future__ import annotations
 
@@ -24,37 +24,37 @@ from hhtbench.protocol.system import NumpySystem, Problem, Solver, System
 if TYPE_CHECKING:
     from hhtbench.protocol.evidence import Evidence
 
-Counted = Callable[[str, int, int], None]  #: what is counted, how many are done, how many there are
+Counted = Callable[[str, int, int], None]  #: progress: name of the items, number done, number in all
 Verification = Callable[[Counted | None, int], "Evidence"]  # (progress, jobs); rows do not depend on jobs
 
-_HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # by name, in this process
+_HELD: ContextVar[Mapping[str, Problem]] = ContextVar("held", default=MappingProxyType({}))  # name -> problem
 
 _lock = threading.Lock()
-_systems: dict[str, System] = {}  # by spec: the last one that was made
-MAX_SYSTEMS = 16  # that are kept: each holds its arrays and what was derived from it
+_systems: dict[str, System] = {}  # spec -> the System it made last
+MAX_SYSTEMS = 16  # stored: each holds its arrays and compiled functions
 
 THUMBNAILS = "thumbnails"  # folder with drawings, beside the problems
 
 
 def list_problems() -> list[str]:
-    """Names that :func:`load_problem` knows."""
+    """Return the names that :func:`load_problem` accepts."""
     return plugins.names("problem")
 
 
 def list_solvers() -> list[str]:
-    """Names that :func:`load_solver` knows."""
+    """Return the names that :func:`load_solver` accepts."""
     return plugins.names("solver")
 
 
 def list_verifications() -> list[str]:
-    """Names that :func:`load_verification` knows."""
+    """Return the names that :func:`load_verification` accepts."""
     return plugins.names("verification")
 
 
 def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
-    """The problem of a spec: ``planar_chain(n_links=100)``, ``my_file.py:problem(k=1)``; a Problem as it is.
+    """Load the problem of a spec, ``planar_chain(n_links=100)`` or ``my_file.py:problem(k=1)``; return a Problem as it is.
 
-    A spec that makes an equal System again gives that of before, so that what was derived from it serves again.
+    If the spec's System equals the one it made before, the earlier object is used, so that compiled code is reused.
 
     Parameters
     ----------
@@ -75,9 +75,10 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
         if parameters:
             _refuse_arguments(f"the problem {spec.name}", parameters)
         return spec
-    if isinstance(spec, System | NumpySystem):
-        start = "hhtbench.Problem(name=..., system=..., t_span=..., q0=..., v0=...)"
-        raise ProblemError(f"a {type(spec).__name__} has neither start nor interval: give {start}.")
+    if isinstance(spec, (System, NumpySystem)):
+        from hhtbench.protocol.wrong_use import system_as_problem
+
+        raise system_as_problem(spec)
     if is_held(spec):
         return _HELD.get()[spec]
     found = parse_spec(spec)
@@ -91,7 +92,7 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
 
 
 def _known(spec: str, made: System) -> System:
-    """The System that ``spec`` made before where ``made`` is equal to it, else ``made``."""
+    """Return the System stored for ``spec`` if it equals ``made``; else store and return ``made``."""
     with _lock:
         before = _systems.pop(spec, made)
         _systems[spec] = system = before if _equal(before, made) else made
@@ -101,7 +102,7 @@ def _known(spec: str, made: System) -> System:
 
 
 def _equal(one: System, other: System) -> bool:
-    """Whether two systems are of one class with the same values, to the last bit."""
+    """True if two systems have the same class and bitwise equal values."""
     try:
         forms: list[Any] = [jax.tree.structure(x) for x in (one, other)]
         return (
@@ -120,7 +121,7 @@ def _same_array(x: Any, y: Any) -> bool:
 
 @contextmanager
 def holding(problems: Mapping[str, Problem]) -> Iterator[None]:
-    """Inside, these names mean these problems, in this process alone and before any other problem of the name."""
+    """Context manager in which these names mean these problems, before registered ones, in this process only."""
     token = _HELD.set(problems)
     try:
         yield
@@ -129,12 +130,12 @@ def holding(problems: Mapping[str, Problem]) -> Iterator[None]:
 
 
 def is_held(name: str) -> bool:
-    """Whether ``name`` means an object that :func:`holding` was given."""
+    """True if ``name`` is the name of a problem given to :func:`holding`."""
     return name in _HELD.get()
 
 
 def thumbnail_of(name: str) -> Path | None:
-    """The file with the drawing of a registered problem, at its default parameters; None where there is none."""
+    """Return the PNG file with the drawing of a registered problem at its default parameters; None if there is none."""
     if name not in list_problems():
         return None
     folder = own_folder(plugins.find("problem", name))
@@ -143,10 +144,12 @@ def thumbnail_of(name: str) -> Path | None:
 
 
 def load_solver(spec: str | Solver, **options: Any) -> Solver:
-    """The solver of a spec, ``hht(alpha=-0.1)``; a solver as it is.  Errors as in :func:`load_problem`."""
+    """Load the solver of a spec, ``hht(alpha=-0.1)``; return a solver as it is.  Errors as in :func:`load_problem`."""
     if not isinstance(spec, str):
         if not _is_solver(spec):
-            raise TypeError(f"a solver must be a spec or have accepts() and solve(); got {_kind_of(spec)}.")
+            raise TypeError(
+                f"a solver must be a spec, 'hht(alpha=-0.1)', or have accepts() and solve(); got {_kind_of(spec)}."
+            )
         _refuse_arguments("the solver", options)
         return spec
     found = parse_spec(spec)
@@ -159,7 +162,7 @@ def load_solver(spec: str | Solver, **options: Any) -> Solver:
 
 
 def load_verification(name: str) -> Verification:
-    """The verification registered as ``name``: ``verify(progress) -> Evidence``."""
+    """Load the verification registered as ``name``, a function ``verify(progress, jobs) -> Evidence``."""
     found = parse_spec(name)
     if found.path is not None or found.arguments:
         raise ProblemError(f"a verification is named without file and arguments; got {name}.")
@@ -170,7 +173,7 @@ def load_verification(name: str) -> Verification:
 
 
 def _make(kind: str, spec: Spec, further: Mapping[str, Any]) -> Any:
-    """What the spec's target is, or returns when called with the arguments."""
+    """Load the target of a spec; if it is a function or class, call it with the arguments."""
     twice = sorted(set(spec.arguments) & set(further))
     if twice:
         raise ProblemError(f"{', '.join(twice)} is given in the spec {spec} and again as a keyword; give it once.")
@@ -195,7 +198,7 @@ def _from_file(path: str, name: str) -> Any:
 
 
 def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[str, Any]) -> None:
-    """Compare with the signature: a TypeError from inside the factory is not mistaken for one of its call."""
+    """Raise a ProblemError if ``arguments`` do not fit the signature, and not because of a TypeError inside the factory."""
     try:
         signature = inspect.signature(factory)
     except (TypeError, ValueError):
@@ -212,7 +215,7 @@ def _check_arguments(name: str, factory: Callable[..., Any], arguments: Mapping[
 
 def _refuse_arguments(name: str, arguments: Mapping[str, Any]) -> None:
     if arguments:
-        raise ProblemError(f"{name} is finished and takes no parameters; got {', '.join(sorted(arguments))}.")
+        raise ProblemError(f"{name} is no function and takes no parameters; got {', '.join(sorted(arguments))}.")
 
 
 def _is_solver(value: Any) -> bool:

@@ -2,7 +2,7 @@
 
 ``planar_chain(n_links=100)``, ``my_file.py:problem(k=1)``, ``hht(alpha=-1/3, reaction=midpoint)``: the same in
 Python, on the command line and in run keys.  Values are Python literals, arithmetic of numbers, or bare words,
-which mean strings; nothing is ever executed.
+which mean strings; nothing is executed.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ _ARITHMETIC: dict[type, Callable[[Any, Any], Any]] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """What to load and with which arguments; ``str`` gives the canonical form."""
+    """A parsed spec: name or file attribute, and keyword arguments; ``str`` gives the canonical form."""
 
     name: str  #: registered name, or the attribute of ``path``
     path: str | None = None  #: Python file that holds the attribute; None: a registered name
@@ -62,7 +62,7 @@ class Spec:
 
 
 def parse_spec(text: str) -> Spec:
-    """Read a spec.
+    """Parse a spec.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def parse_spec(text: str) -> Spec:
 
 
 def canonical(text: str) -> str:
-    """The one form of all specs that mean the same: sorted keywords, values as ``repr`` writes them."""
+    """Return the canonical form of a spec: sorted keywords, values as ``repr`` writes them."""
     return str(parse_spec(text))
 
 
@@ -111,7 +111,7 @@ def _bad_target(text: str) -> ProblemError:
         return ProblemError(f"a spec must not be empty; for example {EXAMPLES}.")
     file = re.match(r"(.+?\.py)(\(.*\))?$", text)
     if file:
-        return ProblemError(f"{file[1]} is a file; say what of it is meant, for example {file[1]}:problem(k=1).")
+        return ProblemError(f"{file[1]} is a file; add the name of the problem in it, for example {file[1]}:problem(k=1).")
     opening = re.match(r"(.+?\.py:)?[\w.-]*", text)
     place = opening.end() if opening else 0
     if place == 0 or not text[place:].startswith("("):
@@ -122,7 +122,7 @@ def _bad_target(text: str) -> ProblemError:
 
 
 def _arguments(text: str, start: int) -> dict[str, Any]:
-    """The keywords of ``text[start:]``, which runs from "(" to ")"."""
+    """Parse the keyword arguments in ``text[start:]``, which runs from "(" to ")"."""
     shift = start - 1  # "f" stands for the name, so that columns differ by this
     try:
         with _parsing:
@@ -192,7 +192,7 @@ def _power(base: int | float, exponent: int | float) -> int | float:
 
 
 def _column(text: str, start: int, node: ast.expr | ast.keyword) -> int:
-    """Column in characters; ``ast`` counts bytes of UTF-8."""
+    """Return the column of ``node`` in characters; ``ast`` counts bytes of UTF-8."""
     return len(("f" + text[start:]).encode()[: node.col_offset].decode())
 
 

@@ -1,14 +1,14 @@
-"""The error that was asked for: runs of one solver, finer and finer, until what is left of its error is seen to be small.
+"""Global error control: repeat a solver with finer settings until its differences show that the error is small enough.
 
-A tolerance bounds the local error, or what a solver takes for it; what is left at the end is 1 to 200 times as much, by
-problem.  Two runs whose settings differ by a fixed factor differ by the error of the coarser one; a third shows whether that
-contracts.  Only where it does is anything said.  `hhtbench verify accuracy` checks the estimate.
+A tolerance bounds an estimate of the local error; the global error at the end is 1 to 200 times as large, depending on the
+problem.  Two runs whose settings differ by a fixed factor differ by the error of the coarser one; a third shows whether
+that contracts.  An estimate is given only if it does.  `hhtbench verify accuracy` checks the estimate.
 
-Runs that step over the same place agree too.  So where they agree far better than was asked, in few steps, the equations of
-motion are checked between the rows (:mod:`hhtbench.checks.result.between`).  What they say against the runs is either
-shown by runs of shorter steps, of a solver that takes ``max_step``, or leaves the error unshown.  A push shorter than a
-two-hundredth of the interval may lie between the places that are checked, and one during a motion that needs more steps than
-that is not searched for.
+Runs that step over the same short force agree too.  So where they agree far better than was asked, in few steps, the
+equations of motion are checked between the rows (:mod:`hhtbench.checks.result.between`).  An objection is resolved by runs
+with shorter steps, if the solver takes ``max_step``, or the error stays unshown.  A force pulse shorter than 1/200 of the
+interval may lie between the places that are checked, and one during a motion that needs more steps than that is not
+searched for.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ from hhtbench.solution.result import Counters, Solution, Status
 Once = Callable[[Request], Solution]
 
 ROWS = 101  # equal distances, where no output times are asked for
-LEAST = 1e-13  # of an error that can be asked for: states carry roundoff of 1e-16 over thousands of steps
+MIN_ACCURACY = 1e-13  # smallest error that can be asked for: states carry roundoff of 1e-16 over thousands of steps
 COARSEST = {"rtol": 1e-2, "steps": 1 / 25}
 FIRST = 1e-6  # tightest tolerance of the first run: beyond, one of low order may end at roundoff and show nothing
 FINEST = {"rtol": 1e-14, "steps": 1e-8}
-STALLS = 2  # so many that do not are noise
-TOO_GOOD = 0.05  # of the error asked for: runs that agree so well may have seen nothing
+STALLS = 2  # differences that do not contract, after which the search ends (roundoff)
+TOO_GOOD = 0.05  # differences below this share of the error asked for may come from a force that no run has met
 #: steps, and how many times as many in the last run as two before: so few are checked however they agree
-FEW, ALIKE = 25, 1.2
-OFF = 3.0  # times the bound: how far the motion may lead from one row to beside the next
+FEW_STEPS, ALIKE = 25, 1.2
+OFF = 3.0  # times the bound: largest distance of the integrated motion from the next row
 LEAST_OFF = 1e-11  # which the integration there does not see
 SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # of the interval: longest steps where longer ones step over something
 PLAIN = Problem(name="plain", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0.0, 1.0), q0=np.ones(1), v0=np.zeros(1))
@@ -49,22 +49,22 @@ TOLERATED = 3  # runs in a row that fail: some libraries start at tight toleranc
 
 
 def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request, once: Once) -> Solution:
-    """The solution whose error in q and v, scaled by the problem's scales, is below ``accuracy`` at every output time.
+    """Return a solution whose error in q and v, scaled by the problem's scales, is below ``accuracy`` at every output time.
 
     Parameters
     ----------
     accuracy
         Largest scaled error of q and v over the output times.
     request
-        Output times (101 equally far apart where it has none), and budgets of all runs together; no tolerances, no steps.
+        Output times (101 equally spaced ones if it has none), and budgets of all runs together; no tolerances, no steps.
     once
-        One run of the solver on the problem.
+        Function that runs the solver once on the problem.
 
     Returns
     -------
     Solution
-        Of the finest run, with :attr:`~hhtbench.Solution.error`; its counters are those of all runs.  Its status is
-        ``accuracy_not_shown`` where no estimate below ``accuracy`` can be trusted, and the message says what is known.
+        That of the finest run, with :attr:`~hhtbench.Solution.error`; its counters are those of all runs.  Its status is
+        ``accuracy_not_shown`` if no estimate below ``accuracy`` can be trusted, and the message says what is known.
 
     Raises
     ------
@@ -72,9 +72,9 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
         ``accuracy`` is below what roundoff allows or above a half, or comes with tolerances or steps.
     """
     accuracy = real_number("accuracy", accuracy)
-    if not LEAST <= accuracy <= 0.5:
+    if not MIN_ACCURACY <= accuracy <= 0.5:
         raise ProblemError(
-            f"accuracy must lie between {LEAST:g} (roundoff) and 0.5, of the problem's scales; got {accuracy:g}."
+            f"accuracy must lie between {MIN_ACCURACY:g} (roundoff) and 0.5, of the problem's scales; got {accuracy:g}."
         )
     if request.fixed or request.rtol is not None or request.atol is not None:
         raise ProblemError("accuracy excludes rtol, atol, step and steps: it finds them. Give one or the other.")
@@ -89,7 +89,7 @@ def solve_to(problem: Problem, solver: Solver, accuracy: float, request: Request
 
 
 def _what_is_refined(problem: Problem, solver: Solver, request: Request) -> tuple[str | None, str]:
-    """Tolerances if the solver takes them, else the number of equal steps; None and the reason where it takes neither."""
+    """Return "rtol" if the solver takes tolerances, else "steps"; None and the reason if it takes neither."""
     asked = {"rtol": replace(request, rtol=COARSEST["rtol"]), "steps": replace(request, steps=round(1 / COARSEST["steps"]))}
     reasons = {kind: solver.accepts(problem, one) for kind, one in asked.items()}
     for kind, reason in reasons.items():
@@ -100,7 +100,7 @@ def _what_is_refined(problem: Problem, solver: Solver, request: Request) -> tupl
 
 
 class _Search:
-    """The runs so far, and what follows from them."""
+    """State of the search for a sufficiently accurate run."""
 
     def __init__(self, problem: Problem, solver: Solver, accuracy: float, request: Request, once: Once, kind: str) -> None:
         self.problem, self.solver, self.accuracy = problem, solver, accuracy
@@ -118,7 +118,7 @@ class _Search:
         self.ends = math.inf if request.max_seconds is None else time.perf_counter() + request.max_seconds
 
     def run(self) -> Solution:
-        """Runs until the error is shown to be small enough, or cannot be."""
+        """Run with finer settings until the error is shown to be small enough, or cannot be."""
         setting, failed = self.first, 0
         while True:
             found = self._solved(setting)
@@ -169,10 +169,10 @@ class _Search:
         return found
 
     def _doubt(self, bound: float) -> str:
-        """What the equations of motion say against a ``bound`` of runs that may have seen nothing; "" if nothing."""
+        """Check the equations of motion between the rows if the runs may have missed a force; return the objection or ""."""
         last, taken = self.finer.runs[-1].solution, taken_by(self.finer.runs[-1])
         if self.missed is None:
-            few = taken is not None and taken < FEW and taken <= ALIKE * (taken_by(self.finer.runs[-3]) or 0)
+            few = taken is not None and taken < FEW_STEPS and taken <= ALIKE * (taken_by(self.finer.runs[-3]) or 0)
             agree = min(bound, *self.finer.differences[-2:]) <= TOO_GOOD * self.accuracy
             if (taken is not None and taken >= PLACES) or not (few or agree):
                 return ""
@@ -184,7 +184,7 @@ class _Search:
         return look.text
 
     def _shorten(self) -> bool:
-        """Begin anew with shorter steps; False where that was done, or the solver takes no such bound."""
+        """Restart with a smaller ``max_step``; False if that was done already or the solver takes no such option."""
         if not self.shorter:
             return False
         longest = self.shorter.pop(0) * abs(self.problem.t_span[1] - self.problem.t_span[0])
@@ -203,7 +203,7 @@ class _Search:
         return self._solution(Status.success, f"{self.finer.runs[-1].solution.message} {text}{self._scales()}", bound)
 
     def _unknown(self, why: str, failed: Solution | None = None) -> Solution:
-        """What is known, where that is not enough."""
+        """Return the finest solution with a message on what is known although the accuracy is not shown."""
         seen = ""
         if self.finer.differences:
             pair = " and ".join(self._at(run.setting) for run in self.finer.runs[-2:])
@@ -235,7 +235,7 @@ class _Search:
         )
 
     def _work(self) -> Counters:
-        """Of all runs and of the checks between them; what one does not report is not reported."""
+        """Sum the counters of all runs and of the checks between them; a counter that one run does not report is None."""
         values: dict[str, int | None] = {}
         for name in (f.name for f in fields(Counters) if f.name != "provenance"):
             counts = [getattr(counters, name) for counters in self.spent]

@@ -1,4 +1,4 @@
-"""Runs of one solver, finer and finer, and what follows from their differences: a bound of the error and a limit."""
+"""Runs of one solver with finer and finer settings, and the error bound and extrapolation from their differences."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ CONTRACTS = 0.7  # largest ratio of one difference to that before it from which 
 SAFETY = 1.5  # times the estimate: one and a half of what a geometric series leaves
 AGREEMENT = 5.0  # of the largest of two differences that do not contract, for the error
 SMALL = 0.1  # of the range of the motion: a difference below it should contract
-LEAST_SHARE = 1 / 3  # of the last difference, of solvers whose error is smooth: less is not believed, however fast it falls
-LEAST_SHARE_ELSE = 2 / 3  # of others, whose error falls with a power of the tolerance below one, and by leaps
+LEAST_SHARE = 1 / 3  # smallest believed error over the last difference, for solvers whose error is smooth
+LEAST_SHARE_ELSE = 2 / 3  # the same for other solvers, whose error falls irregularly with the tolerance
 ORDER = {"rtol": 1.0, "steps": 2.0}  # of the error in the setting: of most solvers, and the least of those of steps
-ROUNDOFF = 1e-13  # scaled differences that are none
-AIM = 0.35  # of the error asked for that the finer run of the next pair aims at
-MOST_FINER = 1e4  # at once, of a tolerance
+ROUNDOFF = 1e-13  # scaled differences up to this are roundoff
+AIM = 0.35  # the finer run of the next pair aims at this share of the error asked for
+MOST_FINER = 1e4  # largest refinement of a tolerance at once
 
 
 @dataclass(frozen=True)
 class Run:
-    """One that succeeded."""
+    """A successful run with its setting."""
 
     setting: float  #: tolerance, or one over the number of steps
     solution: Solution
 
 
 class FinerRuns:
-    """The runs so far, each finer than that before it."""
+    """Sequence of runs, each with a finer setting than the one before."""
 
     def __init__(self, problem: Problem, kind: str) -> None:
-        """``kind`` is "rtol" or "steps"."""
+        """Start without runs of ``problem``; ``kind`` states what is refined, "rtol" or "steps"."""
         self.problem, self.kind = problem, kind
         self.smooth = False  #: errors are a smooth function of the setting
         self.known = False  #: a solver of which it is known that it heeds its tolerances
@@ -48,11 +48,13 @@ class FinerRuns:
 
     @property
     def _least_share(self) -> float:
-        """Of the last difference: what is believed to be left at least."""
+        """Smallest ratio of the error to the last difference that is believed."""
         return LEAST_SHARE if self.smooth else LEAST_SHARE_ELSE
 
     def keep(self, run: Run) -> None:
-        """``run``, finer than all before it; of bounded steps those before it are forgotten if it took the same."""
+        """Append ``run``, finer than all before; if steps are bounded and it took the same steps, the earlier runs are
+        dropped.
+        """
         if self.bounded and self.runs and taken_by(self.runs[-1]) == taken_by(run):
             self.clear()
         if self.runs:
@@ -60,7 +62,7 @@ class FinerRuns:
         self.runs.append(run)
 
     def clear(self) -> None:
-        """Forget all runs."""
+        """Drop all runs."""
         self.runs.clear()
         self.differences.clear()
 
@@ -70,13 +72,13 @@ class FinerRuns:
         return np.array([_scaled(a.q - b.q, scales.q), _scaled(a.v - b.v, scales.v)])
 
     def _is_pair(self, last: int = 1) -> bool:
-        """Whether the settings of a run, counted from the last, and of that before it differ by no more than a pair's."""
+        """True if the settings of a run, counted from the last, and of the one before differ by at most a pair's factor."""
         if len(self.runs) <= last:
             return False
         return self.runs[-last - 1].setting / self.runs[-last].setting <= 1.01 * self.finer
 
     def bound(self) -> float | None:
-        """Of the last run's error, with SAFETY; None where the differences do not tell."""
+        """Return a bound of the last run's error with the factor SAFETY; None if the differences do not contract."""
         if len(self.differences) < 2 or not self._is_pair():
             return None
         before, last = self.differences[-2:]
@@ -90,17 +92,17 @@ class FinerRuns:
         return SAFETY * max(last * max(self._least_share, contraction / (1 - contraction)), proportional)
 
     def agreement(self) -> float | None:
-        """Of the last run's error, where three runs are so near to one another that it matters little how they contract."""
+        """Return a bound from three runs that agree closely, without contraction; None if it does not apply."""
         if len(self.differences) < 2 or not self._is_pair():
             return None
         return AGREEMENT * max(self.differences[-2:]) if self._differ_in_work() else None
 
     def _ratios(self) -> list[float]:
-        """Of every difference to that before it."""
+        """Return the ratio of every difference to the one before."""
         return [b / a if a > 0.0 else math.inf for a, b in pairwise(self.differences)]
 
     def stalls(self) -> int:
-        """How often a difference did not contract that was small beside the motion: coarse runs may be anywhere."""
+        """Count the differences that are small compared with the motion but did not contract."""
         last = self.runs[-1].solution if self.runs else None
         if last is None:
             return 0
@@ -114,16 +116,16 @@ class FinerRuns:
         )
 
     def _differ_in_work(self) -> bool:
-        """Whether the last runs can be more than one run made again, which tells nothing.
+        """True if the last runs are independent evidence: they took different steps, or the solver controls its error.
 
-        They took different steps, or are of a solver that is known to heed its tolerances.
+        Otherwise they may be one run repeated, whose agreement shows nothing.
         """
         if self.known:
             return True
         return len(set(map(taken_by, self.runs[-3:]))) == len(self.runs[-3:])
 
     def next_setting(self, accuracy: float, bound: float | None) -> float:
-        """The next setting: the other run of a pair, or the first of a pair whose finer run should reach the accuracy."""
+        """Return the next setting: the finer one of a pair, or the first of a pair that should reach ``accuracy``."""
         last = self.runs[-1].setting
         if not self._is_pair():
             return last / self.finer
@@ -133,7 +135,7 @@ class FinerRuns:
         return wanted if wanted < last / self.finer**1.5 else last / self.finer
 
     def estimate(self, asked: float, bound: float | None) -> ErrorEstimate | None:
-        """Of the last run, by row, where its largest is ``bound``; None of one run."""
+        """Return the error estimate of the last run by row, with ``bound`` as its maximum; None after one run."""
         if not self.differences:
             return None
         share = SAFETY * self._least_share if not self.differences[-1] else (bound or math.nan) / self.differences[-1]
@@ -151,10 +153,10 @@ class FinerRuns:
         )
 
     def extrapolated(self, bound: float | None) -> DenseOutput | None:
-        """The limit of the last two runs, on the constraints, where errors fall by four, as those of three runs show.
+        """Return the Richardson extrapolation of the last two runs, projected onto the constraints, or None.
 
-        Offered of solvers whose error is a smooth function of the step, or of the tolerance (``smooth_error``), of motions
-        without events.
+        It is offered only if three runs show that errors fall by four, for solvers whose error is a smooth function of the
+        step or of the tolerance (``smooth_error``), and for motions without events.
         """
         if bound is None or not (self.smooth and self._is_pair() and self._is_pair(2)):
             return None
@@ -167,7 +169,7 @@ class FinerRuns:
 
 
 def taken_by(run: Run) -> int | None:
-    """Steps that ``run`` took; None where its solver does not tell."""
+    """Return the number of steps that ``run`` took; None if not reported."""
     return run.solution.counters.steps_accepted
 
 

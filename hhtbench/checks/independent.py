@@ -1,4 +1,4 @@
-"""A system without the constraints that depend on others: what determines its motion."""
+"""Remove redundant constraints from a system."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from hhtbench.protocol.arguments import Vector
 
 
 def independent(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> tuple[Dynamics | None, tuple[int, ...]]:
-    """``dynamics`` without the rows of [g; k] that are redundant at (t, q, v), and these rows.
+    """Return ``dynamics`` without the rows of [g; k] that are redundant at (t, q, v), and the indices of these rows.
 
-    None where a declared reaction may depend on every multiplier.
+    The first is None if a declared reaction may depend on every multiplier.
     """
     if not dynamics.structure.constrained:
         return dynamics, ()

@@ -1,9 +1,9 @@
-"""Where the velocity of a prescribed motion jumps, and the impulse of the constraints there.
+"""Find the times at which the velocity of a prescribed motion jumps, and the impulse of the constraints there.
 
 A table of positions in ``g`` has kinks: ``g_t`` jumps, and with it the velocities, by ``-M^-1 G^T p``.  The jumps are found
 without a solution: ``g_t`` depends on time and coordinates, and is evaluated over time at fixed coordinates.  Intervals in
-which seven of its values do not lie on a polynomial of degree five are split, until two neighbouring times are left: a jump
-changes the sixth difference by its size at least, wherever in the interval it lies.
+which seven of its values do not lie on a polynomial of degree five are bisected, until two neighbouring times are left: a
+jump changes the sixth difference by its size at least, wherever in the interval it lies.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _known = Cache(16)
 
 @dataclass(frozen=True)
 class Jumps:
-    """The jumps of one problem's prescribed velocities, in the order in which the motion comes to them."""
+    """Jumps of a problem's prescribed velocities, in the order in which the motion reaches them."""
 
     times: Vector  #: (k,) [s]
     before: Vector  #: (k,) the last times at which the functions are those before the jumps [s]
@@ -54,23 +54,23 @@ class Jumps:
     _dynamics: Dynamics | None = None
 
     def between(self, start: float, end: float) -> list[int]:
-        """The jumps that a motion from ``start`` [s] to ``end`` [s] comes to."""
+        """Return the indices of the jumps that a motion from ``start`` [s] to ``end`` [s] crosses."""
         sign = 1.0 if end > start else -1.0
         inside = (sign * self.before >= sign * start) & (sign * self.after <= sign * end)
         return [int(i) for i in np.flatnonzero(inside)]
 
     def towards(self, direction: float) -> Jumps:
-        """These jumps as a motion comes to them in that ``direction`` of time."""
+        """Return these jumps ordered for a motion in that ``direction`` of time."""
         if not self.times.size or (self.after[0] > self.before[0]) == (direction > 0.0):
             return self
         return replace(self, times=self.times[::-1], before=self.after[::-1], after=self.before[::-1])
 
     def near(self, t: Any, distance: float) -> Any:
-        """Whether each of the times ``t`` (k,) is within ``distance`` [s] of a jump."""
+        """Mark those of the times ``t`` (k,) that are within ``distance`` [s] of a jump."""
         return np.any(np.abs(np.asarray(t)[:, None] - self.times) <= distance, axis=1)
 
     def beside(self, t: Vector, q: Matrix, v: Matrix, distance: float) -> Vector:
-        """The times ``t`` (k,); within ``distance`` [s] of a jump the one beside it that suits ``v`` (k, n)."""
+        """Move the times ``t`` (k,) within ``distance`` [s] of a jump to the side of it on which ``v`` (k, n) fits."""
         t = np.array(t)
         for k in np.flatnonzero(self.near(t, distance)):
             i = int(np.argmin(np.abs(self.times - t[k])))
@@ -88,10 +88,10 @@ class Jumps:
         return ConstraintLevels(self._driven, full=True)
 
     def velocities(self, i: int, q: Vector, v: Vector) -> tuple[Vector, Vector]:
-        """The velocities (n,) behind jump ``i`` of a motion with ``q, v`` (n,) before it, and the impulse p (m + p,).
+        """Return the velocities (n,) after jump ``i`` of a motion with ``q, v`` (n,) before it, and the impulse p (m + p,).
 
-        ``M (v_after - v) = -G^T p`` and ``G (v_after - v) = -(g_t after - g_t before)``; a declared linear reaction stands
-        for ``-G^T p``, and velocity constraints hold on both sides.  Impulses of redundant rows are zero.
+        ``M (v_after - v) = -G^T p`` and ``G (v_after - v) = -(g_t after - g_t before)``; a declared linear reaction
+        replaces ``-G^T p``, and velocity constraints hold on both sides.  Impulses of redundant rows are zero.
 
         Raises
         ------
@@ -121,7 +121,7 @@ NONE = Jumps(np.zeros(0), np.zeros(0), np.zeros(0))
 
 
 def find_jumps(problem: Problem) -> Jumps:
-    """The times within the interval of ``problem`` at which its prescribed velocities jump."""
+    """Return the times within the interval of ``problem`` at which its prescribed velocities jump."""
     if not isinstance(problem.system, System):  # what plain callables refer to may have changed
         return _search(problem)
     arrays = problem.q0, problem.v0, *(np.asarray(x, dtype=np.float64) for x in (problem.scales.q, problem.scales.v))
@@ -151,7 +151,7 @@ class _TooMany(Exception):
 
 
 class _Search:
-    """The functions of time whose jumps are searched: g, g_t, g_q, k, k_v at fixed states."""
+    """Search for jumps of g, g_t, g_q, k and k_v as functions of time at fixed states."""
 
     def __init__(self, dynamics: Dynamics, problem: Problem) -> None:
         s = self._s = dynamics.structure
@@ -172,7 +172,7 @@ class _Search:
         self._v_scale = float(np.max(problem.scales.v))
 
     def jumps(self, times: Vector) -> tuple[Vector, Vector]:
-        """Neighbouring times (k,) before and behind every jump between the rising ``times``."""
+        """Return neighbouring times (k,) before and after every jump within the rising ``times``."""
         f = self._at(times)
         smallest = BY_DIFFERENCES if self._by_slope else SMALLEST_JUMP
         self._allowed = self._roundoff(f) + smallest * np.max(np.abs(f), axis=0, initial=0.0, where=np.isfinite(f))
@@ -190,7 +190,7 @@ class _Search:
         return self._merged(sorted(self._found))
 
     def _split(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> list[tuple[Any, ...]]:
-        """The two parts of each of those intervals in which a function is no polynomial."""
+        """Bisect the intervals in which a function is not a polynomial of degree five; the others are dropped."""
         inside = low[:, None] + PLACES[1:-1] * (high - low)[:, None]
         values = self._at(inside.ravel()).reshape(*inside.shape, -1)
         values = np.concatenate([of_low[:, None], values, of_high[:, None]], axis=1)
@@ -202,7 +202,7 @@ class _Search:
         return [(middle, high, of_middle, of_high), (low, middle, of_low, of_middle)]
 
     def _halved(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> list[tuple[Any, ...]]:
-        """Halves of those intervals, too short for seven values, in which a function changes; the rest are jumps."""
+        """Halve intervals too short for seven values in which a function changes; those that cannot be halved are jumps."""
         middle = low + 0.5 * (high - low)
         splits = (low < middle) & (middle < high) & (high - low > self._shortest)
         self._found += zip(low[~splits].tolist(), high[~splits].tolist(), strict=True)
@@ -211,7 +211,7 @@ class _Search:
         return [(middle, high, of_middle, of_high), (low, middle, of_low, of_middle)] if low.size else []
 
     def declined(self, at: Vector, before: Vector, after: Vector) -> str:
-        """Which jump a motion cannot be followed across, and why; "" where there is none."""
+        """Return why the motion across one of the jumps is not determined, or ""."""
         for t, *sides in zip(at, before, after, strict=True):
             left, right = self._at(np.array(sides))
             for kind in ("g_q", "k_v", "k", "g"):
@@ -227,7 +227,7 @@ class _Search:
         return ""
 
     def _at(self, times: Vector) -> Matrix:
-        """All functions at ``times`` (k,), (k, columns); NaN where one is not finite."""
+        """Evaluate all functions at ``times`` (k,), (k, columns); NaN where one is not finite."""
         self._left -= times.size
         if self._left < 0:
             raise _TooMany(f"the constraints depend too irregularly on time near t = {times[0]:.9g} to find their jumps")
@@ -247,13 +247,13 @@ class _Search:
         return found
 
     def _slope(self, t: float, q: Vector) -> Vector:
-        """The mean of g_t (m,) over a short time, from g alone."""
+        """Return the mean of g_t (m,) over a short time by a difference of g."""
         ends = t - DIFFERENCES, t + DIFFERENCES
         g = [self._dynamics.constraint(at, q) for at in ends]
         return np.asarray((g[1] - g[0]) / (ends[1] - ends[0]))
 
     def _roundoff(self, f: Matrix) -> Vector:
-        """How far the functions may be off by roundoff, (columns,)."""
+        """Return the roundoff errors of the functions, (columns,)."""
         largest = {kind: float(np.nanmax(np.abs(f[:, self._kinds == kind]), initial=0.0)) for kind in set(self._kinds)}
         if self._s.m:
             largest["g_t"] += self._v_scale * largest["g_q"]
@@ -263,11 +263,11 @@ class _Search:
         return np.array([ROUNDOFF * largest[kind] for kind in self._kinds])
 
     def _beyond(self, change: Matrix) -> Any:
-        """Whether a row of ``change`` has an entry that is more than roundoff; one that is not finite is none."""
+        """Mark the rows of ``change`` with an entry above roundoff; entries that are not finite count as none."""
         return np.any(np.abs(change) > self._allowed, axis=1)
 
     def _merged(self, found: list[tuple[float, float]]) -> tuple[Vector, Vector]:
-        """Jumps beside one another, as where a function has the mean of both sides at the jump, are one."""
+        """Merge neighbouring jumps into one, as at a jump where the function has the mean of both sides."""
         merged: list[list[float]] = []
         for low, high in found:
             if merged and low - merged[-1][1] <= max(NEIGHBOURS * np.spacing(abs(low)), self._shortest):
@@ -279,7 +279,7 @@ class _Search:
 
 
 def _shortest(*sides: float) -> float:
-    """The time between both ``sides`` that takes the fewest digits: what its author has written."""
+    """Return the time between both ``sides`` with the fewest digits, as its author probably wrote it."""
     low, high = sorted(sides)
     if high - low > NEIGHBOURS * NEIGHBOURS * np.spacing(abs(low)):
         return (low + high) / 2

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 @click.option("--fast", is_flag=True, help="Leave out the slow lane, which takes minutes.")
 @json_option
 def acceptance_command(rows: tuple[str, ...], solvers: tuple[str, ...], fast: bool, json_file: Path | None) -> None:
-    """Measure ROWS of the acceptance matrix at the extremes, by default all; exit 1 where one fails with HHT.
+    """Measure ROWS of the acceptance matrix (extreme problems), by default all; exit 1 if one fails with HHT.
 
     For example: hhtbench study acceptance M C3 --solver hht --solver ida
     """

@@ -16,9 +16,10 @@ from hhtbench.runtime.interruption import ends_at_once
 @click.option("--store", required=True, type=click.Path(dir_okay=False, path_type=Path), help="The campaign's rows.")
 @json_option
 def atlas_command(store: Path, json_file: Path | None) -> None:
-    """Tell how the runs of a campaign failed: solver, form, problem and accuracy with the typed cause, as Markdown.
+    """Tabulate how the runs of a campaign failed: solver, form, problem and accuracy with the typed cause, as Markdown.
 
     A success counts as silently wrong where its error is more than a thousand times the tolerance.
+
     For example: hhtbench study atlas --store runs.sqlite --json atlas.json
     """
     with ends_at_once():

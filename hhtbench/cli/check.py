@@ -14,7 +14,7 @@ from hhtbench.runtime.progress import progress
 @click.option("--all", "every", is_flag=True, help="Check every registered problem.")
 @jobs_option
 def check_command(problem: str | None, every: bool, jobs: int | None) -> Found:
-    """Check that PROBLEM keeps its promises: shapes, derivatives, consistent start, rank, energy.
+    """Check PROBLEM: shapes, derivatives, consistent start, rank of the constraints, energy.
 
     For example: hhtbench check my.py:crane
     """

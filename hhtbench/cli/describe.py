@@ -11,7 +11,7 @@ from hhtbench.runtime.interruption import ends_at_once
 @click.command("describe", cls=Command)
 @click.argument("problem")
 def describe_command(problem: str) -> Found:
-    """State what PROBLEM declares, what is therefore not computed, and how it is evaluated.
+    """Show what PROBLEM declares, what is therefore not computed, and how its functions are evaluated.
 
     For example: hhtbench describe "planar_chain(n_links=100)"
     """

@@ -14,7 +14,7 @@ from hhtbench.cli.solve import request_options, solved
 @click.argument("problem")
 @request_options
 def diagnose_command(problem: str, solver: str, **request: Any) -> Found:
-    """Integrate PROBLEM; look for the cause of a failure, or check a success by the bench's own integration.
+    """Integrate PROBLEM; search for the cause of a failure, or check a success by an independent integration.
 
     For example: hhtbench diagnose andrews --solver hht --step 1e-3
     """

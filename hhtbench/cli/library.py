@@ -1,4 +1,4 @@
-"""Every registered problem, checked in worker processes."""
+"""Check every registered problem in worker processes."""
 
 from __future__ import annotations
 
@@ -16,11 +16,10 @@ from hhtbench.runtime.processes import worker_processes
 def check_all(
     jobs: int, tell: Callable[[str], None] = lambda text: None, progress: Callable[[str, int, int], None] = lambda *_: None
 ) -> Evidence:
-    """The rows of every problem's check, their ids preceded by the problem's name.
+    """Check every registered problem in worker processes; row ids are preceded by the problem's name.
 
-    ``tell`` gets a line a problem, ``progress`` how many of how many are checked.
-
-    A problem that cannot even be made is one failing row.
+    ``tell`` receives one line per problem, ``progress`` the number checked and the number in all.
+    A problem that cannot be loaded gives one failing row.
     """
     began, found = time.perf_counter(), {}
     with worker_processes(jobs) as pool:

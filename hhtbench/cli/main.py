@@ -50,16 +50,16 @@ COMMANDS = (
 
 
 class Commands(click.Group):
-    """Shows wrong use as one message and leaves with code 2."""
+    """Command group that prints wrong use as one message and exits with code 2."""
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The first sentence of the help of every command, whole."""
+        """Write the list of commands, each with the whole first sentence of its help."""
         with formatter.section("Commands"):
             rows = [(name, (self.commands[name].help or "").partition("\n\n")[0]) for name in sorted(self.commands)]
             formatter.write_dl(rows)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; ``--traceback`` lets the exception through."""
+        """Run the command and turn its exceptions into messages and exit codes; ``--traceback`` lets them through."""
         one_blas_thread()  # before the command's module loads NumPy
         try:
             with ends_in_order(), warnings.catch_warnings():
@@ -93,5 +93,5 @@ for command in COMMANDS:
 
 
 def _show_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
-    """One line on stderr, without the place in the source."""
+    """Print a warning as one line on stderr, without its place in the source."""
     click.echo(f"{category.__name__}: {message}", err=True)

@@ -1,4 +1,4 @@
-"""Shared by the commands: common options, and the output of a result as text, JSON and exit code."""
+"""Options shared by the commands, and the output of a result as text, JSON and exit code."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
 
 
 class NewFile(click.Path):
-    """A file to be written: before the work, not after it, its folder must exist."""
+    """Parameter type for a file to be written; its folder must exist before the work begins."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path of the file."""
+        """Return the path; raise if its folder does not exist."""
         file: Any = super().convert(value, param, ctx)
         require_folder(file)
         return file
@@ -40,23 +40,23 @@ jobs_option = click.option("--jobs", type=click.IntRange(min=1), help="Worker pr
 
 @dataclass(frozen=True)
 class Found:
-    """What a :class:`Command` has found."""
+    """Result of a :class:`Command`: text, JSON data and whether it failed."""
 
-    text: object  #: for the terminal; "" where all has been said
+    text: object  #: for the terminal; "" if everything was printed already
     facts: Any  #: for --json
     failed: bool = False  #: the exit code is 1
-    error: str = ""  #: said on stderr; the exit code is 1
+    error: str = ""  #: printed on stderr; the exit code is 1
 
 
 class Command(click.Command):
-    """A command whose function returns what it has :class:`Found`; it has the option ``--json``."""
+    """Command with the option ``--json`` whose function returns its result as :class:`Found`."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
         json_option(self)
 
     def invoke(self, ctx: click.Context) -> NoReturn:
-        """Call the function, write text and file, leave with the exit code."""
+        """Call the function, print the text, write the JSON file and exit with the code."""
         file = ctx.params.pop("json_file")
         found: Found = super().invoke(ctx)
         if text := str(found.text):
@@ -68,7 +68,7 @@ class Command(click.Command):
 
 
 def with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Options that commands share, as one decorator; the help shows them in this order."""
+    """Combine several click options into one decorator; the help lists them in this order."""
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         for option in reversed(options):
@@ -79,18 +79,18 @@ def with_options(*options: Callable[..., Any]) -> Callable[[Callable[..., Any]],
 
 
 def judged(evidence: Evidence) -> Found:
-    """A table of claims and its summary line; failed where a claim fails."""
+    """Turn Evidence into a :class:`Found`: its table and summary line; failed if a claim fails."""
     table = evidence.table(width=terminal_width())
     return Found(f"{table}\n\n{evidence.summary}", evidence.as_dict(), not evidence.passed)
 
 
 def terminal_width() -> int | None:
-    """Characters that fit into a line of the terminal; None where the output goes into a file or a pipe."""
+    """Return the columns of the terminal; None if the output goes to a file or a pipe."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() or os.environ.get("COLUMNS") else None
 
 
 def write_json(value: Any, file: Path | None) -> None:
-    """``value`` into ``file``, if one is asked for; a number that is not finite is null."""
+    """Write ``value`` as JSON to ``file`` if it is not None; a number that is not finite becomes null."""
     if file is not None:
         from hhtbench.protocol.evidence import plain  # it loads NumPy, which `hhtbench list` does without
 
@@ -99,7 +99,7 @@ def write_json(value: Any, file: Path | None) -> None:
 
 
 def require_folder(file: Path | None) -> None:
-    """Before the work, not after it: the folder to write into must exist."""
+    """Raise unless the folder of ``file`` exists, so that an error comes before the work."""
     if file is not None and not file.name:
         raise ProblemError("give the name of a file to write; got an empty one.")
     if file is not None and not file.parent.is_dir():
@@ -107,6 +107,6 @@ def require_folder(file: Path | None) -> None:
 
 
 def shown(folder: Path) -> str:
-    """The folder as a reader elsewhere can use it: relative, without this machine's paths."""
+    """Return the folder relative to the working folder if it lies in it, else its name: no path of this machine."""
     absolute = folder.resolve()
     return absolute.relative_to(Path.cwd()).as_posix() if absolute.is_relative_to(Path.cwd()) else folder.name

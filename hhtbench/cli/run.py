@@ -30,13 +30,13 @@ campaign_options = with_options(  # what hhtbench.campaign.asked.asked_campaign 
     click.option(
         "--reference",
         type=click.Choice(["none", "auto"]),
-        help="auto: certify problems without a known truth by two families on two forms first.  [default: the campaign's]",
+        help="auto: first certify problems without a reference by two methods.  [default: the campaign's]",
     ),
 )
 
 
 class Status(click.ParamType):
-    """The label of a status of a solve; their table is imported when one is given, not for the help."""
+    """Parameter type for the label of a solve's status; the table of statuses is imported only when one is given."""
 
     name = "status"
 
@@ -44,7 +44,7 @@ class Status(click.ParamType):
         self._others = others
 
     def convert(self, value: str, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """``value`` itself, if there is such a status."""
+        """Return ``value`` if it is a known status; click reports the known ones otherwise."""
         from hhtbench.solution.result import Status as Known
 
         return str(click.Choice([*self._others, *(status.label for status in Known)]).convert(value, param, ctx))
@@ -56,17 +56,21 @@ class Status(click.ParamType):
 @jobs_option
 @click.option("--timing/--no-timing", default=True, show_default=True, help="Time every success again, alone on a core.")
 @click.option(
-    "--retry", multiple=True, type=Status(), metavar="STATUS", help="Run cells again that ended so, crashed for instance."
+    "--retry",
+    multiple=True,
+    type=Status(),
+    metavar="STATUS",
+    help="Run cells again that ended with this status, for example crashed.",
 )
 @click.option(
     "--fail-on",
     multiple=True,
     type=Status("any"),
     metavar="STATUS|any",
-    help="Exit with 1 where a cell ended so; any: not well.",
+    help="Exit with 1 if a cell ended with this status; any: with any failure.",
 )
 @click.option(
-    "--executor", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="Who runs the cells."
+    "--executor", type=click.Choice(["local", "dask"]), default="local", show_default=True, help="Where the cells run."
 )
 @click.option("--scheduler", help="Address of Dask's scheduler, tcp://HOST:PORT.")
 def run_command(
@@ -79,9 +83,10 @@ def run_command(
     scheduler: str | None,
     **chosen: Any,
 ) -> Found:
-    """Run problems x solvers x tolerances or steps into a store; what it holds already is not run again.
+    """Run problems x solvers x tolerances or steps and store the results; cells already in the store are not run again.
 
-    Cells that fail are rows like others: the exit code is 0, unless --fail-on says otherwise.
+    Cells that fail are stored too: the exit code is 0, unless --fail-on says otherwise.
+
     For example: hhtbench run --problems "andrews, my.py:crane" --solvers "hht, ida" --rtol 1e-4,1e-6 --store runs.sqlite
     """
     if (executor == "dask") != (scheduler is not None):
@@ -121,7 +126,7 @@ def run_command(
 
 
 def _executor(scheduler: str | None) -> AbstractContextManager[Executor | None]:
-    """The cluster's; None: worker processes here."""
+    """Return the executor of a Dask cluster; None stands for worker processes on this machine."""
     if scheduler is None:
         return nullcontext()
     try:

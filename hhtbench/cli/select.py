@@ -14,15 +14,19 @@ from hhtbench.runtime.interruption import ends_at_once
 @click.command("select", cls=Command)
 @click.argument("problem")
 @click.option("--accuracy", type=float, default=1e-4, show_default=True, help="Scaled error of q and v.")
-@click.option("--drift", type=float, help="Most scaled drift.  [default: any]")
-@click.option("--on", metavar="[time|evaluations]", default="time", show_default=True, help="What shall be little.")
+@click.option("--drift", type=float, help="Largest scaled drift allowed.  [default: any]")
+@click.option("--on", metavar="[time|evaluations]", default="time", show_default=True, help="What to minimise.")
 @click.option(
-    "--seconds", type=float, default=0.0, show_default=True, help="What measuring may take [s]; 0: nothing is run."
+    "--seconds",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Time for measuring [s]; 0: nothing is run, only known results are used.",
 )
 @click.option("--store", type=NEW_FILE, help="Rows of run or trade; made with --seconds.")
-@click.option("--database", type=FILE, help="Of study selection.  [default: the package's]")
+@click.option("--database", type=FILE, help="File written by study selection.  [default: the package's]")
 def select_command(problem: str, store: Path | None, database: Path | None, **asked: Any) -> Found:
-    """Say which solver reaches an error on PROBLEM most cheaply, with the evidence; exit 1 where it cannot say.
+    """Recommend the solver that reaches an error on PROBLEM most cheaply, with the evidence; exit 1 if there is none.
 
     For example: hhtbench select andrews --accuracy 1e-4 --on evaluations
     """

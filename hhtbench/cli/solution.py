@@ -1,4 +1,4 @@
-"""One solution as text and as a file: end state, error at the end where it is known, arrays."""
+"""Print one solution: end state, error at the end where it is known; and the same with all rows for a file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MOST_SHOWN = 12  # entries of a vector on the terminal; the file holds all
 
 
 def end_state(solution: Solution) -> str:
-    """The last row, or "" where there is none."""
+    """Format the last row of the solution; "" if it has no rows."""
     if not np.size(solution.t):
         return ""
     rows = [(name, _shown(getattr(solution, name)[-1])) for name in COMPONENTS if getattr(solution, name).shape[1]]
@@ -25,7 +25,7 @@ def end_state(solution: Solution) -> str:
 
 
 def errors_at_end(problem: Problem, solution: Solution) -> str:
-    """Largest error at the end against the closed solution or the reference; "" where neither reaches it."""
+    """Format the largest errors at the end against the exact solution or the reference; "" if neither is known there."""
     source, errors = _errors(problem, solution)
     if not errors:
         return ""
@@ -35,10 +35,10 @@ def errors_at_end(problem: Problem, solution: Solution) -> str:
 
 
 def as_dict(problem: Problem, solution: Solution) -> dict[str, Any]:
-    """Status, message, counters, rows, and what is known of their error, as plain Python values but for the arrays.
+    """Return status, message, counters, rows and known errors as plain Python values and arrays.
 
-    ``error`` and ``extrapolated`` are those of the solution, None without ``accuracy``; ``at_end`` what
-    :func:`errors_at_end` tells.
+    ``error`` and ``extrapolated`` are those of the solution, None without ``accuracy``; ``at_end`` holds the errors that
+    :func:`errors_at_end` prints.
     """
     arrays = {name: getattr(solution, name) for name in ("t", *COMPONENTS)}
     source, errors = _errors(problem, solution)
@@ -55,7 +55,7 @@ def as_dict(problem: Problem, solution: Solution) -> dict[str, Any]:
 
 
 def _errors(problem: Problem, solution: Solution) -> tuple[str, dict[str, tuple[float, float]]]:
-    """What the end is compared with, and the largest error of each part, in its units and scaled; none where not known."""
+    """Return what the end is compared with and the largest error of each part, in its units and scaled; empty if unknown."""
     found = compare(problem, solution) if solution.success else None
     if found is None or not found.at_end:
         return "", {}

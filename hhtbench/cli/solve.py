@@ -20,7 +20,9 @@ request_options = with_options(  # which solver integrates, how, and within whic
     click.option("--steps", type=int, help="Number of equal steps."),
     click.option("--rtol", type=float, help="Relative tolerance: steps chosen by error control."),
     click.option("--atol", type=float, help="Absolute tolerance."),
-    click.option("--accuracy", type=float, help="Largest scaled error of q and v: the tolerance or step is found."),
+    click.option(
+        "--accuracy", type=float, help="Largest scaled error of q and v; the tolerance or step that meets it is searched."
+    ),
     click.option("--max-num-steps", type=int, help="Most accepted steps."),
     click.option("--max-evaluations", type=int, help="Most residual evaluations."),
     click.option("--max-seconds", type=float, help="Most wall-clock time [s]."),
@@ -48,7 +50,7 @@ def solve_command(problem: str, solver: str, output: Path | None, **request: Any
 
 
 def solved(problem: str, solver: str, request: dict[str, Any]) -> tuple[Problem, Solution]:
-    """The problem and its solution, asked for by ``request_options``."""
+    """Return the problem and its solution for the command-line options ``request``."""
     with ends_at_once():
         from hhtbench.api import solve
         from hhtbench.catalogue.registry import load_problem

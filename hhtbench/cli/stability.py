@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 @click.command("stability")
 @click.option("--only", multiple=True, help="An axis; may be repeated.  [default: all]")
 @click.option("--solver", "solvers", multiple=True, help="A spec, your own solver's too; may be repeated.  [default: all]")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of what is drawn.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random scenes.")
 @click.option("--jobs", type=click.IntRange(min=1), default=2, show_default=True, help="Worker processes.")
-@click.option("--small", is_flag=True, help="Only the cells by which solvers from elsewhere are checked.")
+@click.option("--small", is_flag=True, help="Only the small set that conformance checks of external solvers use.")
 @click.option(
     "--report", "folder", type=click.Path(file_okay=False, path_type=Path), help="Write stability.html into this folder."
 )
@@ -62,7 +62,7 @@ def stability_command(
 
 
 def _shown(batch: Batch, measured: Sequence[Outcome]) -> str:
-    """One batch as letters."""
+    """Format the outcomes of one batch as letters, one line per parameter axis."""
     from hhtbench.conformance.stability.study import letters
 
     seconds = sum(x.seconds for x in measured)

@@ -17,11 +17,12 @@ from hhtbench.runtime.interruption import ends_at_once
 @click.argument("store", type=FILE)
 @campaign_options
 def status_command(store: Path, **chosen: Any) -> Found:
-    """Say what the store of a campaign holds, and what is left to do.
+    """Show what the store of a campaign holds and what is left to run.
 
-    How many cells ended how, failures by reason, when and by which machines they were made, damaged rows; with the options
-    that name a campaign to run, what of it is left.  Nothing is run or written, and the campaign may be running.
-    Exit 1 where rows are damaged, 2 where none can be read.
+    Number of cells by status, failures by reason, dates and machines, damaged rows; with the options that name a campaign,
+    what of it is left.  Nothing is run or written, and the campaign may be running.
+    Exit 1 if rows are damaged, 2 if none can be read.
+
     For example: hhtbench status runs.sqlite --campaign quick
     """
     with ends_at_once():

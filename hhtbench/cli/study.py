@@ -31,9 +31,10 @@ def study_command() -> None:
 @jobs_option
 @click.option("--database", type=NEW_FILE, help="Write the rows, reduced, to this file for select.")
 def selection_command(**asked: Any) -> Found:
-    """Regret of advice on problems and families that it has not seen, beside fixed choices and a rule of thumb.
+    """Measure the regret of the advice on held-out problems and families, beside fixed choices and a rule of thumb.
 
     Without --store and --scenes the database of the package is judged, in seconds.
+
     For example: hhtbench study selection --scenes 116 --store families.sqlite --database mine.json
     """
     with ends_at_once():

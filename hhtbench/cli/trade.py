@@ -16,14 +16,14 @@ from hhtbench.runtime.progress import progress
 @click.argument("problem")
 @click.option("--accuracy", default="1e-2..1e-6", show_default=True, help="Errors to reach: 1e-2..1e-6, 1e-4 or 1e-3,1e-5.")
 @click.option("--seconds", type=float, default=60.0, show_default=True, help="About how long it may take [s].")
-@click.option("--drift", type=float, help="Most scaled drift of the runs that count.  [default: any]")
-@click.option("--on", metavar="[time|evaluations]", default="time", show_default=True, help="What shall be little.")
+@click.option("--drift", type=float, help="Largest scaled drift allowed.  [default: any]")
+@click.option("--on", metavar="[time|evaluations]", default="time", show_default=True, help="What to minimise.")
 @click.option("--solvers", multiple=True, help='Candidates instead of the usual ones, "hht, ida(form=ggl), my.py:RK4".')
 @click.option("--store", type=NEW_FILE, help="SQLite file that keeps the rows.")
 @click.option("--page", type=NEW_FILE, help="Draw error against cost into this HTML file.")
 @jobs_option
 def trade_command(problem: str, accuracy: str, solvers: tuple[str, ...], page: Path | None, **asked: Any) -> Found:
-    """Measure on PROBLEM who reaches an error most cheaply: table, plots and one sentence.
+    """Measure which solver reaches an error on PROBLEM most cheaply: table, plots and one sentence.
 
     For example: hhtbench trade my.py:crane --accuracy 1e-2..1e-6 --seconds 60 --page trade.html
     """

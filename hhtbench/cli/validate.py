@@ -21,9 +21,10 @@ from hhtbench.runtime.progress import progress
 def validate_command(
     problems: tuple[str, ...], every: bool, file: Path | None, out: Path | None, jobs: int | None, max_seconds: float
 ) -> Found:
-    """Solve PROBLEMS by 15 pairs of solver and form and at constant steps; exit 1 where one disagrees.
+    """Solve PROBLEMS by 15 pairs of solver and form and at constant steps; exit 1 if one disagrees.
 
-    With the reference, where there is one, and with the others where there is none.
+    Results are compared with the reference if there is one, else with one another.
+
     For example: hhtbench validate "four_bars(n_windows=2)" --jobs 2
     """
     with ends_at_once():

@@ -1,7 +1,7 @@
-"""The registry of checks: every check of a solver is one entry, with its id, what it claims, and what is known to fail.
+"""Checks of solvers and problems for users: every check is an entry of a registry, with its id, claim and known failures.
 
 ``check_solver("my_solver.py:solver")`` yields some hundred named checks, ``check_problem(problem)`` those of a problem;
-``parametrize_with_checks`` makes tests of them, and ``pytest --hhtbench-solver=NAME`` does so without a file.  pytest is
+``parametrize_with_checks`` turns them into tests, and ``pytest --hhtbench-solver=NAME`` does so without a file.  pytest is
 imported only by the last two.  The form of an entry is in :mod:`.entry`, the list in :mod:`.registry`.
 """
 

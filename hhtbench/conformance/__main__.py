@@ -1,4 +1,4 @@
-"""``python -m hhtbench.conformance NAME``: every check of a solver, without pytest."""
+"""Command line ``python -m hhtbench.conformance NAME``: run every check of a solver, without pytest."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``hhtbench study acceptance``: the rows of the acceptance matrix, one after the other, with every solver asked."""
+"""``hhtbench study acceptance``: measure the rows of the acceptance matrix with every requested solver."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from hhtbench.conformance.subject import COLUMNS, Subject
 
 @dataclass(frozen=True, kw_only=True)
 class Acceptance:
-    """What :func:`study_acceptance` found."""
+    """Result of :func:`study_acceptance`."""
 
     rows: tuple[Entry, ...]
     outcomes: tuple[Outcome, ...]
 
     @property
     def passed(self) -> bool:
-        """Whether no row fails with HHT; one that holds in part, or is known to fail, is no failure."""
+        """True if no row fails with HHT; a row that holds in part, or is known to fail, is no failure."""
         return all(x.kind.good for x in self.outcomes if x.solver.startswith("hht"))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON."""
+        """Return plain values, for JSON."""
         return {
             "schema": "hhtbench.acceptance/2",
             "rows": [{"id": x.id, "goes_in": x.goes_in, "expected": x.sentence, "lane": x.lane.name} for x in self.rows],
@@ -33,7 +33,7 @@ class Acceptance:
 
     @property
     def summary(self) -> str:
-        """A line a solver: how many rows ended in each way, and which; then those that only this study measures."""
+        """One line per solver with the number of rows by outcome; then the rows that only this study measures."""
         lines = [self._line(solver) for solver in dict.fromkeys(x.solver for x in self.outcomes)]
         slow = [x.id for x in self.rows if x.lane is Lane.slow]
         only = f"in the slow lane: {', '.join(slow)}"
@@ -48,12 +48,12 @@ class Acceptance:
 
 
 def chosen_rows(ids: Sequence[str], *, slow: bool = True) -> tuple[Entry, ...]:
-    """Rows with an id, or whose id begins with one of the letters; none given: all."""
+    """Return the rows with these ids, or whose id begins with one of these letters; all if none is given."""
     return tuple(x for x in chosen(ROWS, ids, "row") if slow or x.lane is not Lane.slow)
 
 
 def measured(row: Entry, subject: Subject, *, timed: bool = True, run_tests: bool = False) -> Outcome:
-    """A row with a solver; one that is known to fail has to."""
+    """Measure a row with a solver; a row that is known to fail must fail."""
     cases, reason = row.known_of(subject)
     return as_known(row.run(subject, timed=timed, run_tests=run_tests), reason, cases)
 
@@ -65,9 +65,9 @@ def study_acceptance(
     slow: bool = True,
     tell: Callable[[Entry, Sequence[Outcome]], None] = lambda row, outcomes: None,
 ) -> Acceptance:
-    """Measure the rows ``ids`` with ``solvers``, one row after the other; ``tell`` hears of each.
+    """Measure the rows ``ids`` with ``solvers``, one row after the other; ``tell`` is called after each.
 
-    ``slow``: with those that take minutes, among them rows that are held by tests, which are run where they are at hand.
+    ``slow``: include rows that take minutes, among them rows covered by tests, which are run if they are present.
     """
     rows, columns = chosen_rows(ids, slow=slow), [Subject.column(name) for name in solvers or COLUMNS]
     outcomes: list[Outcome] = []
@@ -80,7 +80,7 @@ def study_acceptance(
 
 
 def shown(row: Entry, outcomes: Sequence[Outcome]) -> str:
-    """A row as text: its two sentences and a line a solver."""
+    """Format a row: its input, the expectation, and one line per solver."""
     lines = [f"{row.id}: {row.goes_in}", f"    expected: {row.sentence}"]
     lines += [f"    {x.kind.label:<17} {x.solver:<13} {x.message} [{x.seconds:.2g} s]" for x in outcomes]
     return "\n".join(lines)

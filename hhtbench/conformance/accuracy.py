@@ -1,7 +1,7 @@
-"""``hhtbench verify accuracy``: what ``solve(..., accuracy=...)`` promises, against certified references and drawn scenes.
+"""``hhtbench verify accuracy``: compare ``solve(..., accuracy=...)`` with certified references and random scenes.
 
-For every solver: how often the true error is as small as was asked, how often no error can be shown, how much
-smaller than asked the error is, and what it costs beside the cheapest single run of the same solver that is as accurate.
+For every solver: how often the true error is as small as asked, how often no error can be shown, how much
+smaller than asked the error is, and the cost beside the cheapest single run of the same solver that is as accurate.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ COSTS = (5.0, 8.0)  # most of the cheapest single run's evaluations: in the medi
 
 @dataclass(frozen=True)
 class Cell:
-    """One solve with ``accuracy``."""
+    """Result of one solve with ``accuracy``."""
 
     problem: str
     solver: str
@@ -67,7 +67,7 @@ class Cell:
 
 
 def cells_of(spec: str) -> list[Cell]:
-    """All cells of one problem; none where nothing is known of its motion."""
+    """Solve one problem with every solver and accuracy; returns no cells if its motion is not known."""
     warnings.simplefilter("ignore")
     problem = load_problem(spec)
     times, known = truth(problem)
@@ -77,7 +77,7 @@ def cells_of(spec: str) -> list[Cell]:
 
 
 def truth(problem: Problem) -> tuple[Vector, Matrix]:
-    """Times within the interval at which the motion is known, (k,), and the motion there, (k, 2n), over its scales."""
+    """Return times at which the motion is known, (k,), and q and v there divided by their scales, (k, 2n)."""
     times = np.linspace(*problem.t_span, 21)
     if problem.exact is not None or problem.reference is not None:
         times, q, v = known_motion(problem, times)
@@ -130,7 +130,7 @@ def _cell(
 
 
 def verify_accuracy(progress: Callable[[str], None] | None = None, jobs: int = 1) -> Evidence:
-    """All problems on their validated spans and the drawn scenes, by every solver at every accuracy."""
+    """Verify all problems on their validated spans and the random scenes, by every solver at every accuracy."""
     began, plans = time.perf_counter(), registered_plans()
     specs = [validated_spec(name, plans) for name in list_problems()] + list(DRAWN)
     cells: list[Cell] = []
@@ -144,7 +144,7 @@ def verify_accuracy(progress: Callable[[str], None] | None = None, jobs: int = 1
 
 
 def evidence_of(cells: Iterable[Cell]) -> Evidence:
-    """The claims, solver by solver; cells beyond what was asked are named."""
+    """Turn cells into claims, solver by solver; cells beyond the asked error are named."""
     cells, rows = list(cells), []
     for solver in dict.fromkeys(cell.solver for cell in cells):
         rows += _claims(solver, [cell for cell in cells if cell.solver == solver])

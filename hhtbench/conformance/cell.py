@@ -1,4 +1,4 @@
-"""A family of cells: a problem at each point of an axis, a request, what is known of the answer, and how it is judged."""
+"""Families of cells: a problem at each value of a parameter, a request, the known answer, and how it is judged."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hhtbench.solution.result import Solution, Status
 
 MAX_SECONDS = 3.0  # of one solve, unless a cell says otherwise
 MAX_COMPILING = 60.0  # [s] of the single step before it, in which functions are compiled
-ROWS = 21  # of output under error control; prescribed steps are all seen, between them an interpolant would be judged too
+ROWS = 21  # output rows under error control; prescribed steps are all judged, but no interpolant between them
 OUT_OF_BUDGET = (Status.deadline, Status.max_steps, Status.evaluation_budget)
 DIED = (Status.crashed, Status.out_of_memory)
 
@@ -28,7 +28,7 @@ Error = Callable[..., float]  # of the problem, the solution, and those of the f
 
 @dataclass(frozen=True, kw_only=True)
 class Expected:
-    """One thing that is known of the answer."""
+    """A known quantity of the answer with its error function and bound."""
 
     error: Error
     most: float  #: largest error of an answer that counts as right
@@ -36,7 +36,7 @@ class Expected:
 
 @dataclass(frozen=True, kw_only=True)
 class Cell:
-    """One point of one axis."""
+    """One solve of a family: a problem at one value of the parameter, a request and the expected answer."""
 
     x: float  #: the parameter
     line: str  #: what else differs within the axis, and how the steps are asked for
@@ -55,12 +55,12 @@ class Cell:
         return f"{self.line}/{self.x:g}"
 
     def is_about(self, target: str) -> bool:
-        """Whether a solver, named without its options, is one of the families."""
+        """True if the cell applies to the solver ``target`` (a name without options)."""
         return not self.families or target in self.families
 
 
 class Way(NamedTuple):
-    """How a cell is asked for."""
+    """A request of a cell with its largest allowed error."""
 
     line: str
     request: Mapping[str, Any]
@@ -68,12 +68,12 @@ class Way(NamedTuple):
 
 
 def rtol(value: float, longer: float = 1.0) -> Way:
-    """Under error control: a hundred times the tolerance, ``longer`` times that."""
+    """Request under error control; the allowed error is a hundred times the tolerance, times ``longer``."""
     return Way(f"rtol {value:g}", {"rtol": value}, ACCURACY * value * longer)
 
 
 def step(h: float, most: float) -> Way:
-    """Prescribed steps of one length [s]."""
+    """Request with prescribed equal steps [s]."""
     return Way(f"h = {h:g} s", {"step": h}, most)
 
 
@@ -87,7 +87,7 @@ def cells(
     t_eval: Any = ...,
     **given: Any,
 ) -> Iterator[Cell]:
-    """A cell for each way, with what is ``expected``, or ``expected(way.most)``; ``named`` is the form of their lines."""
+    """Yield one cell per way, with the ``expected`` errors or ``expected(way.most)``; ``named`` formats their lines."""
     rows = {} if t_eval is ... else {"t_eval": t_eval}
     for line, request, most in ways:
         known = expected(most) if callable(expected) else expected
@@ -95,9 +95,9 @@ def cells(
 
 
 def family(id: str, parameter: str, known: Known | None = None) -> Callable[[Callable[[int], Iterable[Cell]]], Entry]:
-    """Make a function of the seed that yields cells, the same for the same seed, the family ``id``.
+    """Decorator that makes the family ``id`` of a function of the seed that yields cells, reproducible by seed.
 
-    Its sentence, what goes in and where the expectation comes from, is the first line of the function's docstring.
+    The first line of the function's docstring is the family's sentence: what goes in and where the expectation comes from.
     """
 
     def register(cells: Callable[[int], Iterable[Cell]]) -> Entry:
@@ -109,7 +109,7 @@ def family(id: str, parameter: str, known: Known | None = None) -> Callable[[Cal
 
 
 def measure(subject: Subject, cell: Cell) -> Outcome:
-    """One solve, judged.
+    """Solve one cell and judge the result.
 
     Functions are compiled in a solve of one step before those with the cell's budget; the first that fails counts.
     """
@@ -138,7 +138,7 @@ def _rows(problem: Problem, request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def judge(cell: Cell, problem: Problem, found: Solution, *further: Solution) -> Outcome:
-    """The class of an end; an error that is not a number is larger than any."""
+    """Classify the end of a solve; an error that is NaN counts as infinite."""
     ended = Outcome(
         kind=_kind(found.status),
         status=found.status.label,

@@ -1,4 +1,4 @@
-"""``check_solver`` and ``check_problem``: entries, and the claims of a problem, as named checks that others can run."""
+"""``check_solver`` and ``check_problem``: the checks of a solver or problem as named, callable objects."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ RTOL = 1e-4
 
 @dataclass(frozen=True)
 class Check:
-    """One claim about one solver or problem; call it, and it raises ``AssertionError`` where the claim does not hold."""
+    """One claim about one solver or problem; calling it raises ``AssertionError`` if the claim does not hold."""
 
     name: str  #: "mixed/levels"
     claim: str  #: a sentence
@@ -47,12 +47,12 @@ class Check:
             raise SkipTest(f"{found.kind.label}: {found.message}")
 
     def run(self) -> Outcome:
-        """The same as an outcome; nothing is raised but what interrupts."""
+        """Run the check and return its outcome; no exception but an interruption is raised."""
         return replace(as_known(outcome_of(self.measure), self.expected_failed), id=self.name)
 
 
 def check_names(suite: str = "claims") -> list[str]:
-    """Of all checks of a solver, in their order; ``suite`` as in :func:`check_solver`."""
+    """Return the names of all checks of a solver, in their order; ``suite`` as in :func:`check_solver`."""
     return [entry.name(*case) for entry, case in checks_of(_suite(suite))]
 
 
@@ -72,26 +72,26 @@ def check_solver(
     accuracy: float = ACCURACY,
     iterations: float = ITERATIONS,
 ) -> Iterator[Check]:
-    """Every check of ``solver``; none runs before it is called.
+    """Yield every check of ``solver``; none runs before it is called.
 
     Parameters
     ----------
     solver
         A solver, or a spec: ``"acme_rk4"``, ``"my_solver.py:solver(stages=3)"``.
     expected_failed
-        Name of a check -> the reason why it is known to fail.  Such a check fails where it passes.  What the registry knows
-        of a solver need not be named.
+        Name of a check -> the reason why it is known to fail.  Such a check fails if it passes.  Failures that the registry
+        knows need not be named.
     suite
-        "claims": checks of the protocol and of the claims given below.  "extremes": hostile cases, of each axis of
-        ``hhtbench study stability`` a few: it arrives within the expected error, or ends early and says so.
+        "claims": checks of the protocol and of the claims given below.  "extremes": some cells of each axis of
+        ``hhtbench study stability``: the solver arrives within the expected error, or ends early and says so.
     order
-        Of the error with prescribed steps, for all of q, v, lam and mu; None: nothing is claimed.
+        Order of the error with prescribed steps, for q, v, lam and mu; None: nothing is claimed.
     drift
-        Most violation of both constraint levels at any step and row; None: what the error of the run allows.
+        Largest violation of both constraint levels at any step and row; None: what the error of the run allows.
     accuracy
-        Largest error of a run, relative to the size of q or v, over the tolerance it was asked for.
+        Largest error of a run, relative to the size of q or v, divided by the tolerance.
     iterations
-        Most iterations of Newton's a step on a smooth motion, where the solver counts them.
+        Largest number of Newton iterations per step on a smooth motion, if the solver counts them.
 
     Raises
     ------
@@ -107,20 +107,20 @@ def check_solver(
 
 
 def assert_solver_converges(solver: Solver | str, order: float | None = None) -> None:
-    """The solver's error converges on every scene that it takes.
+    """Assert that the solver's error converges on every scene that it accepts.
 
     Parameters
     ----------
     solver
         A solver or a spec.
     order
-        With it, prescribed steps are halved: the root mean square errors of q, v, lam and mu over the mesh must fall to
+        If given, prescribed steps are halved: the root mean square errors of q, v, lam and mu over the mesh must fall as
         this power of the step.  Without it, error control is tightened from 1e-3 to 1e-5.
 
     Raises
     ------
     AssertionError
-        The error falls more slowly somewhere, or the solver takes none of the scenes.
+        The error falls more slowly somewhere, or the solver accepts none of the scenes.
     """
     subject = Subject(solver, Claims(order=order))
     (entry,) = (claim for claim in CLAIMS if claim.id == ("tolerance" if order is None else "order"))
@@ -136,18 +136,18 @@ def check_problem(
     solvers: Sequence[Solver | str] = SOLVERS,
     rtol: float = RTOL,
 ) -> Iterator[Check]:
-    """Every claim of ``hhtbench.check`` as a check of its own, and two about the motion.
+    """Yield every claim of ``hhtbench.check`` as a check of its own, and two about the motion.
 
-    What ``hhtbench.check`` measures is measured when this is called: which claims there are depends on the problem.
+    ``hhtbench.check`` is run when this is called, since the claims depend on the problem.
 
     Parameters
     ----------
     problem
         A Problem or a spec.
     expected_failed
-        Name of a check -> the reason why it is known to fail.  Such a check fails where it passes.
+        Name of a check -> the reason why it is known to fail.  Such a check fails if it passes.
     solvers, rtol
-        Who must agree on the motion, to 100 times which tolerance.
+        Solvers that must agree on the motion to 100 times ``rtol``.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def check_problem(
 
 
 def _with_expected(checks: Iterable[Check], expected_failed: Mapping[str, str] | None) -> Iterator[Check]:
-    """``checks``, once every name of ``expected_failed`` is one of theirs and has a reason."""
+    """Apply ``expected_failed`` to the checks; raise if a name is unknown or has no reason."""
     made = {check.name: check for check in checks}
     for name, reason in (expected_failed or {}).items():
         if name not in made:

@@ -1,4 +1,4 @@
-"""Checks as tests of pytest: what ``pytest --hhtbench-solver=NAME`` collects, and ``parametrize_with_checks``."""
+"""Checks as pytest tests: collected by ``pytest --hhtbench-solver=NAME``, or made by ``parametrize_with_checks``."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from hhtbench.conformance.check import Check, check_solver
 
 
 def parametrize_with_checks(checks: Iterable[Check]) -> pytest.MarkDecorator:
-    """A decorator that runs a test for every check, ``def test_my_solver(check): check()``.
+    """Return a decorator that runs a test for every check, ``def test_my_solver(check): check()``.
 
-    A check that is expected to fail is marked ``xfail(strict=True)``: where it passes the test fails.
+    A check that is expected to fail is marked ``xfail(strict=True)``: the test fails if it passes.
     """
     return pytest.mark.parametrize("check", [as_parameter(check) for check in checks])
 
 
 def as_parameter(check: Check, prefix: str = "") -> Any:
-    """One check as a parameter with its name and, where it is expected to fail, its mark."""
+    """Return one check as a pytest parameter with its name and, if it is expected to fail, its mark."""
     name = f"{prefix}{check.name}"
     if not check.expected_failed:
         return pytest.param(check, id=name)
@@ -29,7 +29,7 @@ def as_parameter(check: Check, prefix: str = "") -> Any:
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    """A test for every check of every solver named."""
+    """Generate a test for every check of every solver named."""
     lines = metafunc.config.getini("hhtbench_expected_failed")
     expected = {name.strip(): reason.strip() for name, _, reason in (line.partition(":") for line in lines)}
     solvers = metafunc.config.getoption("--hhtbench-solver")
@@ -40,5 +40,5 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def test_solver(check: Check) -> None:
-    """One check."""
+    """Run one check."""
     check()

@@ -1,11 +1,11 @@
-"""The one form of every check of a solver: an entry, the lane in which it is run, and the outcomes it can have.
+"""Entry: the common form of all checks of a solver, with its lane and the outcomes it can have.
 
-An entry has an id, a sentence, what it needs of a solver, and known failures with their reasons.  It is computed in one of
-three ways, each made by a decorator: ``claim`` (here), an assertion that raises ``AssertionError`` where it does not hold;
-``row`` (in :mod:`.rows.judging`), a measured value and its bound, or ``tested`` (here), held by tests of its own; ``family``
-(in :mod:`.cell`), cells along a parameter.
+An entry has an id, a sentence, what it needs of a solver, and known failures with their reasons.  It is made by one of
+three decorators: ``claim`` (here), an assertion that raises ``AssertionError`` if it does not hold;
+``row`` (in :mod:`.rows.judging`), a measured value and its bound, or ``tested`` (here) for rows covered by tests;
+``family`` (in :mod:`.cell`), cells along a parameter.
 
-All are measured by :meth:`Entry.run`, which returns an :class:`Outcome` and raises nothing.  What is known to fail is
+All are measured by :meth:`Entry.run`, which returns an :class:`Outcome` and raises nothing.  Known failures are
 applied by :func:`as_known`, which is strict: a case that is known to fail and passes is a failure.
 """
 
@@ -27,7 +27,7 @@ from hhtbench.conformance.tests import run_tests_named
 
 
 class Lane(enum.Enum):
-    """Who runs an entry."""
+    """The command or test run that measures an entry."""
 
     fast = "fast"  #: `make test`, and `check_solver`
     slow = "slow"  #: takes longer than tests may: `hhtbench study acceptance` alone
@@ -35,7 +35,7 @@ class Lane(enum.Enum):
 
 
 class Kind(enum.Enum):
-    """How an entry ended with a solver; ``letter`` stands for it where room is short."""
+    """Outcome class of an entry with a solver; ``letter`` is its short form."""
 
     right = ("right", "r", "as expected: it arrived, the error as small as is expected")
     named = ("named", "n", "ended early, with a status that says so")
@@ -57,18 +57,18 @@ class Kind(enum.Enum):
 
     @property
     def misleading(self) -> bool:
-        """Whether it ended otherwise than a caller can rely on."""
+        """True if a caller could not rely on how it ended: silently wrong, crashed or hung."""
         return self in (Kind.wrong, Kind.crashed, Kind.hung)
 
     @property
     def good(self) -> bool:
-        """Whether nothing is to be done."""
+        """True if nothing needs to be mended."""
         return not self.misleading and self is not Kind.unexpected
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of a solver in one case of an entry."""
+    """Result of a solver in one case of an entry."""
 
     kind: Kind
     message: str = ""  #: what was measured, how the solve ended, or why it was declined
@@ -88,7 +88,7 @@ class Outcome:
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """A measured value, and whether it is within its bound."""
+    """A measured value and whether it is within its bound."""
 
     measured: str
     holds: bool
@@ -105,7 +105,7 @@ class Entry:
     """One check of a solver; measured by :meth:`run`."""
 
     id: str  #: "nan/force", "M1", "stiffness"
-    sentence: str  #: what is claimed; of a row what is expected, of a family where the expectation comes from
+    sentence: str  #: the claim; for a row the expectation, for a family the source of the expectation
     measure: Measure | None  #: None: held by ``tests`` alone
     needs: tuple[str, ...] = ()  #: of a solver, as :meth:`Subject.lacks` knows them
     scenes: tuple[str, ...] = ()  #: of a claim that is made once on each
@@ -113,13 +113,15 @@ class Entry:
     cells: Callable[[int], Iterable[Any]] | None = None  #: of a family, by seed
     lane: Lane = Lane.fast
     known: Known = field(default_factory=dict)  #: failures, strict
-    goes_in: str = ""  #: of a row
-    tests: tuple[str, ...] = ()  #: that hold a row, as pytest names them
-    gap: str = ""  #: what of a row neither measurement nor tests show
-    parameter: str = ""  #: of a family, with its unit
+    goes_in: str = ""  #: input of a row
+    tests: tuple[str, ...] = ()  #: tests that cover a row, as pytest names them
+    gap: str = ""  #: part of a row that neither measurement nor tests cover
+    parameter: str = ""  #: parameter of a family, with its unit
 
     def cases(self, seed: int = 0) -> Iterator[tuple[Any, ...]]:
-        """What :meth:`run` takes after the subject: nothing, a scene or a part of a claim, or a cell of a family."""
+        """Yield the cases of the entry, as arguments of :meth:`run`: none, a scene or part of a claim, or a cell of a
+        family.
+        """
         if self.cells is not None:
             yield from ((cell,) for cell in self.cells(seed))
         else:
@@ -127,22 +129,22 @@ class Entry:
             yield from cases or [()]
 
     def name(self, *case: Any) -> str:
-        """Of the check that a case is: "position/order", "nan/force", "stiffness/h = 0.01 s/1e+12", "M1"."""
+        """Return the name of a case's check: "position/order", "nan/force", "stiffness/h = 0.01 s/1e+12", "M1"."""
         return self.id if not case else f"{case[0]}/{self.id}" if self.scenes else f"{self.id}/{case[0]}"
 
     def run(self, subject: Subject, *case: Any, timed: bool = True, run_tests: bool = False) -> Outcome:
-        """Measure one case; whatever is raised is how it ended.
+        """Measure one case; an exception becomes its outcome.
 
         Parameters
         ----------
         subject
             The solver.
         case
-            As :meth:`cases` gives it.
+            As :meth:`cases` yields it.
         timed
-            Whether being late fails a row.
+            Whether exceeding a time limit fails a row.
         run_tests
-            Run the tests of a row that they alone hold; some take minutes.
+            Run the tests of a row that only tests cover; some take minutes.
         """
         began = time.perf_counter()
         found = self._measured(subject, case, timed, run_tests)
@@ -164,17 +166,17 @@ class Entry:
             return outcome_of(partial(self.measure, subject, *case), timed)
 
     def known_of(self, subject: Subject) -> tuple[tuple[str, ...], str]:
-        """Cases that are known to fail with a solver, none where all do, and the reason; "" where nothing is known."""
+        """Return the cases that are known to fail with a solver (empty: all) and the reason; "" if none is known."""
         return self.known.get(subject.name) or self.known.get(subject.target) or ((), "")
 
     def reason(self, subject: Subject, *case: Any) -> str:
-        """Why a case of a claim or of a family is known to fail; "" where it is not."""
+        """Return why a case of a claim or family is known to fail; "" if it is not."""
         cases, reason = self.known_of(subject)
         return reason if not cases or (case and str(case[0]) in cases) else ""
 
 
 def outcome_of(measure: Measure, timed: bool = True) -> Outcome:
-    """What a measurement returns or raises, as an outcome; ``timed``: a finding that is late is wrong."""
+    """Turn what a measurement returns or raises into an outcome; ``timed``: a finding that exceeds its time is wrong."""
     try:
         found = measure()
     except SkipTest as declined:
@@ -190,7 +192,7 @@ def outcome_of(measure: Measure, timed: bool = True) -> Outcome:
 
 
 def as_known(found: Outcome, reason: str, cases: tuple[str, ...] = ()) -> Outcome:
-    """``found`` where it is known to fail for ``reason``, of a row in just these ``cases``; no reason: as it is."""
+    """Apply a known failure to ``found``: expected if it fails (in just these ``cases``), unexpected if it passes."""
     if not reason or found.kind in (Kind.declined, Kind.elsewhere):
         return found
     passing = set(cases) - set(found.failing)
@@ -205,7 +207,7 @@ def as_known(found: Outcome, reason: str, cases: tuple[str, ...] = ()) -> Outcom
 def claim(
     id: str, *scenes: str, parts: Iterable[str] = (), needs: tuple[str, ...] = (), known: Known | None = None
 ) -> Callable[[Measure], Measure]:
-    """Make an assertion the claim ``id`` of its module; with ``scenes`` or ``parts`` once for each."""
+    """Decorator that makes an assertion the claim ``id``; with ``scenes`` or ``parts`` it is run once for each."""
 
     def register(measure: Measure) -> Any:
         sentence = (inspect.getdoc(measure) or "").partition("\n")[0]
@@ -217,11 +219,11 @@ def claim(
 
 
 def tested(id: str, goes_in: str, expected: str, *tests: str, gap: str = "") -> Entry:
-    """A row that tests of their own hold, but for the ``gap``."""
+    """Return a row that is covered by tests, except for the ``gap``."""
     return Entry(id=id, sentence=expected, goes_in=goes_in, measure=None, tests=tests, gap=gap)
 
 
 def entries_of(module: ModuleType) -> list[Entry]:
-    """Of a module, in the order in which they are written."""
+    """Return the entries of a module in the order in which they are written."""
     found = (getattr(value, "entry", value) for value in vars(module).values())
     return [x for x in found if isinstance(x, Entry)]

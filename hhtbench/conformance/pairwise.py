@@ -1,4 +1,4 @@
-"""Do solvers agree?  Every pair of them on one problem, whether or not its solution is known."""
+"""Compare solvers pairwise on one problem, whether or not its solution is known."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from hhtbench.solution.result import Solution
 
 LEVELS = {"position": ("q",), "velocity": ("v",), "acceleration": ("lam", "mu")}  # of the motion -> what is compared
 ROWS = 11  # output times, equal distances
-FACTOR = 100.0  # of the tolerance: how far two good solvers may be apart after a whole run
+FACTOR = 100.0  # largest difference of two good solvers after a whole run, over the tolerance
 FIRST_STEPS, MAX_STEPS = 200, 51_200  # of solvers with prescribed steps: doubled until the motion stays
 Motion = Mapping[str, Matrix]  # of "q", "v", "lam", "mu": (rows, width)
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """How far the solvers are apart, two by two."""
+    """Pairwise differences of solvers."""
 
     names: tuple[str, ...]  #: of those that reached the end
     matrix: Matrix  #: (k, k) largest scaled difference over all rows; 0 on the diagonal
@@ -33,16 +33,16 @@ class Agreement:
 
     @property
     def spread(self) -> float:
-        """The largest difference of two: an estimate of the error of the worst of them."""
+        """Largest pairwise difference: an estimate of the error of the worst solver."""
         return float(np.max(self.matrix, initial=0.0))
 
     def middle(self) -> int:
-        """The solver to which the others are nearest in the median."""
+        """Return the index of the solver with the smallest median difference from the others."""
         apart = self.matrix + np.diag(np.full(len(self.names), np.nan))
         return int(np.argmin(np.nanmedian(apart, axis=1))) if len(self.names) > 1 else 0
 
     def table(self, style: str = "simple") -> str:
-        """The matrix as text, with the numbers of the solvers as heads."""
+        """Format the matrix of differences, with numbers of the solvers as headings."""
         count = range(len(self.names))
         rows = [[f"{i + 1} {self.names[i]}", *(f"{self.matrix[i, j]:.0e}" if i != j else "" for j in count)] for i in count]
         heads = ["largest difference", *(str(i + 1) for i in count)]
@@ -50,7 +50,7 @@ class Agreement:
 
 
 def agreement_of(motions: Mapping[str, Motion], scales: Scales, left_out: Mapping[str, str] | None = None) -> Agreement:
-    """The matrix of motions that are given at the same times."""
+    """Compute the matrix of differences of motions given at the same times."""
     names = tuple(motions)
     sizes = _sizes(motions, scales)
     scaled = [_flat(motions[name], sizes) for name in names]
@@ -64,9 +64,9 @@ def agreement(
     rtol: float = 1e-6,
     levels: Sequence[str] = ("position", "velocity"),
 ) -> Agreement:
-    """Solve ``problem`` by every one of ``solvers`` and compare; what fails is left out with its reason.
+    """Solve ``problem`` by each of ``solvers`` and compare; solvers that fail are left out with the reason.
 
-    Solvers of prescribed steps take 200 and twice as many, again and again, until the motion changes by less than ``rtol``.
+    Solvers with prescribed steps start with 200 and double them until the motion changes by less than ``rtol``.
     """
     unknown = sorted(set(levels) - set(LEVELS))
     if unknown or not levels:
@@ -94,7 +94,7 @@ def assert_solvers_agree(
     levels: Sequence[str] = ("position", "velocity"),
     factor: float = FACTOR,
 ) -> Agreement:
-    """All of ``solvers`` reach the end of ``problem`` and agree two by two to ``factor * rtol``.
+    """Assert that all of ``solvers`` reach the end of ``problem`` and agree pairwise to ``factor * rtol``.
 
     Parameters
     ----------
@@ -103,12 +103,12 @@ def assert_solvers_agree(
     solvers
         Two or more solvers or specs.
     rtol
-        Asked of each; those of prescribed steps refine theirs until the motion changes by less.
+        Tolerance of each; solvers with prescribed steps refine them until the motion changes by less.
     levels
-        Some of "position" (q), "velocity" (v) and "acceleration" (lam and mu).  Differences are over the
+        Some of "position" (q), "velocity" (v) and "acceleration" (lam and mu).  Differences are relative to the
         largest size in the motion, at least ``problem.scales``.
     factor
-        How far two motions may be apart, over ``rtol``.
+        Largest difference of two motions, divided by ``rtol``.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def assert_solvers_agree(
 
 
 def _solved(problem: Problem, solver: Solver, rtol: float, times: Vector) -> Solution:
-    """With the tolerance, or with as many steps as it takes."""
+    """Solve with the tolerance, or with doubled numbers of steps until the motion changes by less."""
     declines = [solver.accepts(problem, Request(**asked)) for asked in ({"rtol": rtol}, {"steps": FIRST_STEPS})]
     if declines[0] is None or declines[1] is not None:
         return solve(problem, solver, rtol=rtol, t_eval=times)
@@ -149,7 +149,7 @@ def _state(solution: Solution, scales: Scales) -> Vector:
 
 
 def _sizes(motions: Mapping[str, Motion], scales: Scales) -> dict[str, Vector]:
-    """What differences are over: the largest size of a component in any of the motions, at least its scale."""
+    """Return the sizes that differences are relative to: the largest of a component in any motion, at least its scale."""
     found: dict[str, Vector] = {}
     for motion in motions.values():
         for name, values in motion.items():
@@ -159,5 +159,5 @@ def _sizes(motions: Mapping[str, Motion], scales: Scales) -> dict[str, Vector]:
 
 
 def _flat(motion: Motion, sizes: Mapping[str, Vector]) -> Vector:
-    """Every component over its size, in one vector."""
+    """Concatenate all components, each divided by its size, in one vector."""
     return np.concatenate([(values / sizes[name]).ravel() for name, values in motion.items()])

@@ -1,4 +1,4 @@
-"""Plugin of pytest: ``pytest --hhtbench-solver=NAME`` runs every check of a solver, beside the files named or alone."""
+"""pytest plugin: ``pytest --hhtbench-solver=NAME`` runs every check of a solver, beside the named files or alone."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ CONFORMANCE = str(Path(__file__).with_name("collected.py"))
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """The option, and the ini value of what is known to fail."""
+    """Add the option ``--hhtbench-solver`` and the ini value ``hhtbench_expected_failed``."""
     text = "run the checks of hhtbench.conformance on this solver, a name or a spec; may be repeated"
     parser.getgroup("hhtbench").addoption("--hhtbench-solver", action="append", default=[], metavar="NAME", help=text)
     text = "checks that are known to fail, a line each: 'NAME: reason'; passing is then the failure"
@@ -18,7 +18,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Collect the checks; where no file was named, nothing else."""
+    """Let pytest collect the conformance checks if a solver was named by the option; if no file was named, collect nothing
+    else.
+    """
     if not config.getoption("--hhtbench-solver") or CONFORMANCE in config.args:
         return
     named = config.args_source is config.ArgsSource.ARGS

@@ -1,4 +1,4 @@
-"""Every entry, in the order in which they are listed."""
+"""Registry of all entries: claims, families and rows, in the order in which they are listed."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ ROWS = tuple(
 
 
 def chosen(entries: Sequence[Entry], names: Sequence[str], what: str) -> tuple[Entry, ...]:
-    """Those of ``entries`` with these names, or a row whose id begins with one letter; none given: all.
+    """Return those of ``entries`` with these names, or rows whose id begins with one letter; all if none is given.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def chosen(entries: Sequence[Entry], names: Sequence[str], what: str) -> tuple[E
 
 
 def _section(entry: Entry) -> str:
-    """The letter of a row."""
+    """Return the letter of a row's section; "" for other entries."""
     return entry.id[0] if entry.goes_in else ""
 
 
 def checks_of(entries: Sequence[Entry]) -> Iterator[tuple[Entry, tuple[str | Cell, ...]]]:
-    """Entry and case of every check that they make, of families the small cells."""
+    """Yield entry and case of every check; of families only the small cells."""
     for entry in entries:
         for case in entry.cases():
             if not case or getattr(case[0], "small", True):

@@ -1,4 +1,4 @@
-"""The solver that entries are asked of: what it can be asked for, its solves, each made once, and what it claims."""
+"""The solver under test: its abilities, its claims, and its solves, each made once."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from hhtbench.solution.result import Solution, Status
 
 TOLERANCES = (1e-3, 1e-4, 1e-5)  # loose to tight
 STEPS = (100, 200, 400)  # the same for solvers of prescribed steps
-ACCURACY = 100.0  # of the tolerance: what the error of a whole run may be where a solver claims nothing better
+ACCURACY = 100.0  # largest error of a whole run over the tolerance if a solver claims nothing better
 ITERATIONS = 15.0  # of Newton's a step: simplified Newton on all stages of a method of high order needs ten
 ROUNDOFF = 1e-9  # errors below it tell nothing about a method
 COMPONENTS = ("q", "v", "lam", "mu")
@@ -43,12 +43,12 @@ COLUMNS = {  # of the acceptance matrix: name -> spec
 
 
 class Declined(SkipTest):
-    """The solver has said that it cannot take this; the reason is the text."""
+    """The solver cannot take this; the text is its reason."""
 
 
 @dataclass(frozen=True)
 class Claims:
-    """What is promised of a solver beyond the protocol; None: nothing."""
+    """Properties promised of a solver beyond the protocol; None: nothing is promised."""
 
     order: float | None = None  #: of its error with prescribed steps
     drift: float | None = None  #: most violation of position and velocity constraints, at every step and every row
@@ -63,13 +63,13 @@ def expect(condition: Any, text: str) -> None:
 
 
 def fail(text: str) -> NoReturn:
-    """Raise ``AssertionError``."""
+    """Raise ``AssertionError`` with ``text``."""
     raise AssertionError(text)
 
 
 @dataclass
 class Subject:
-    """One solver in one run of the entries."""
+    """One solver under test."""
 
     spec: Solver | str  #: as it was given
     claims: Claims = field(default_factory=Claims)
@@ -89,15 +89,15 @@ class Subject:
 
     @classmethod
     def column(cls, name: str) -> Subject:
-        """The column ``name`` of the acceptance matrix; another name is the spec of a solver of the caller's own."""
+        """Return the column ``name`` of the acceptance matrix; any other name is the spec of a user's solver."""
         return cls(COLUMNS.get(name, name), name=name)
 
     def fresh(self, **options: Any) -> Solver:
-        """Another instance, where the solver was named by a spec; it may have other ``options``."""
+        """Return another instance if the solver was given by a spec, with other ``options`` if wanted."""
         return load_solver(self.spec, **options)
 
     def lacks(self, need: str) -> str:
-        """Why the solver does not have what an entry needs; "" where it has it."""
+        """Return why the solver lacks the ability ``need`` of an entry; "" if it has it."""
         problem = self.scene("position").problem
         if need in ("rtol", "steps"):
             asked = {"rtol": TOLERANCES[0]} if need == "rtol" else {"steps": STEPS[0]}
@@ -107,13 +107,13 @@ class Subject:
         return "" if hasattr(self.solver, need) else f"{self.name} has no {need}"
 
     def having(self, method: str) -> Any:
-        """A method of the solver that is no part of the protocol; an entry that needs it says so."""
+        """Return a method of the solver that is not part of the protocol; an entry lists it in ``needs``."""
         return getattr(self.solver, method)
 
     # --- what rows of the acceptance matrix ask -------------------------------------------------------------------------
 
     def ways(self) -> Mapping[str, dict[str, Any]]:
-        """Requests that a row is measured by unless it says otherwise: HHT with both alphas, fixed and adaptive."""
+        """Return the default requests of a row: HHT with both alphas, fixed and adaptive; others with a tolerance."""
         if not self.is_hht:
             return {"": {"rtol": ROW_RTOL}}
         return {
@@ -123,13 +123,13 @@ class Subject:
         }
 
     def alphas(self, hht: Mapping[str, Any], others: Mapping[str, Any]) -> Mapping[str, dict[str, Any]]:
-        """One request: that of HHT with both alphas, or that of other solvers."""
+        """Return the request ``hht`` for both alphas, or ``others`` for another solver."""
         return {f"alpha={x:g}": {"alpha": x, **hht} for x in ALPHAS} if self.is_hht else {"": dict(others)}
 
     def ask(
         self, given: Any, t_span: Any = SPAN, *, q0: Any = Q0, v0: Any = V0, alpha: float | None = None, **request: Any
     ) -> Solution:
-        """One solve of a problem, or of a system from the start of the rod, with a bound of time.
+        """Solve a problem, or a system from the start of the rod, within ``MAX_SECONDS``.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Subject:
             self.took.append(time.perf_counter() - began)
 
     def hht(self, system: Any, **options: Any) -> Any:
-        """The integrator itself, for rows about its own steps."""
+        """Return the integrator object itself, for rows about its own steps."""
         if not self.is_hht:
             raise Declined(self.lacks("hht"))
         return hhtbench.HHT(system, engine=self.engine, **options)
@@ -152,17 +152,17 @@ class Subject:
     # --- what claims ask ------------------------------------------------------------------------------------------------
 
     def scene(self, name: str) -> Scene:
-        """That of ``scenes.SCENES``, made once."""
+        """Return a scene of ``scenes.SCENES``, made once."""
         if name not in self._scenes:
             self._scenes[name] = SCENES[name]()
         return self._scenes[name]
 
     def takes(self, problem: Problem, **request: Any) -> str | None:
-        """The reason why not, or None."""
+        """Return the reason why the solver declines the problem or request, or None."""
         return self.solver.accepts(problem, make_request(**request))
 
     def ladder(self, problem: Problem) -> tuple[dict[str, Any], ...]:
-        """Requests from coarse to fine that the solver takes: tolerances, or numbers of equal steps."""
+        """Return requests from coarse to fine that the solver takes: tolerances, or numbers of equal steps."""
         reasons = []
         for values in (TOLERANCES, STEPS):
             name = "rtol" if values is TOLERANCES else "steps"
@@ -173,12 +173,12 @@ class Subject:
         raise Declined(f"{self.name} declines {problem.name}: {'; '.join(dict.fromkeys(reasons))}")
 
     def case(self, name: str, fineness: int) -> tuple[Scene, dict[str, Any]]:
-        """A scene, and a request for it: coarse (0), middle (1) or fine (-1)."""
+        """Return a scene and a request for it: coarse (0), middle (1) or fine (-1)."""
         scene = self.scene(name)
         return scene, self.ladder(scene.problem)[fineness]
 
     def solve(self, problem: Problem | str, solver: Solver | None = None, **request: Any) -> Solution:
-        """One solve, whatever its status, not kept."""
+        """Solve a problem, whatever its status; the result is not stored."""
         solution = solve(problem, solver or self.solver, **request)
         if not isinstance(solution, Solution):
             fail(f"solve returned {type(solution).__name__}, not a hhtbench.Solution")
@@ -188,23 +188,23 @@ class Subject:
         return solution
 
     def solved(self, scene: Scene, **request: Any) -> Solution:
-        """A successful solve of one of the scenes; each is made once."""
+        """Solve a scene successfully; equal requests are solved once."""
         key = scene.name, tuple(sorted((name, np.asarray(value).tobytes()) for name, value in request.items()))
         if key not in self._solved:
             self._solved[key] = self.succeeds(scene.problem, **request)
         return self._solved[key]
 
     def succeeds(self, problem: Problem, solver: Solver | None = None, **request: Any) -> Solution:
-        """One solve that must reach the end."""
+        """Solve a problem; raise if it does not reach the end."""
         solution = self.solve(problem, solver, **request)
         expect(solution.status is Status.success, f"{problem.name} ends with {solution.status.label}: {solution.message}")
         expect_rows(problem, solution)
         return solution
 
     def bound(self, request: dict[str, Any], problem: Problem) -> float:
-        """Most error of a solve with ``request``, relative to the size of what is compared.
+        """Return the largest error expected of a solve with ``request``, relative to the size of what is compared.
 
-        With prescribed steps, ten times the error that the same steps make on the pendulum.
+        With prescribed steps it is ten times the error that the same steps make on the pendulum.
         """
         if "rtol" in request:
             return self.claims.accuracy * float(request["rtol"])
@@ -213,7 +213,7 @@ class Subject:
 
 
 def expect_rows(problem: Problem, solution: Solution) -> None:
-    """Shapes, order of times, and numbers."""
+    """Assert shapes, order of times, and finite numbers."""
     count, n = np.size(solution.t), problem.q0.size
     expect(count > 0, "a success has no rows")
     for name in COMPONENTS:
@@ -227,17 +227,17 @@ def expect_rows(problem: Problem, solution: Solution) -> None:
 
 
 def rms(difference: Matrix) -> float:
-    """Over the rows, of the largest component."""
+    """Return the root mean square over the rows of the largest component."""
     return float(np.sqrt(np.mean(np.max(np.abs(difference), axis=1, initial=0.0) ** 2))) if difference.size else 0.0
 
 
 def size_of(values: Matrix) -> float:
-    """What differences are relative to: the largest component, at least 1."""
+    """Return the size that differences are relative to: the largest component, at least 1."""
     return max(1.0, float(np.max(np.abs(values), initial=0.0)))
 
 
 def errors(scene: Scene, solution: Solution) -> dict[str, float]:
-    """Relative root mean square error over the rows of every component that there is."""
+    """Return the relative root mean square error over the rows of each of q, v, lam and mu that exists."""
     motions = [scene.exact(float(t)) for t in solution.t]
     found = {}
     for name in COMPONENTS:
@@ -250,7 +250,7 @@ def errors(scene: Scene, solution: Solution) -> dict[str, float]:
 
 
 def same_bits(one: Solution, other: Solution) -> None:
-    """Raise unless rows and counters are equal bit by bit."""
+    """Assert that rows and counters are bitwise equal."""
     for name in ("t", *COMPONENTS):
         a, b = getattr(one, name), getattr(other, name)
         expect(a.shape == b.shape, f"{name} has {a.shape[0]} rows in one run and {b.shape[0]} in the other")
@@ -263,5 +263,5 @@ def same_bits(one: Solution, other: Solution) -> None:
 
 
 def at(request: dict[str, Any], times: Vector) -> dict[str, Any]:
-    """``request`` with output at ``times`` [s]."""
+    """Return ``request`` with output at ``times`` [s]."""
     return {**request, "t_eval": times}

@@ -1,4 +1,4 @@
-"""Rows of the matrix that tests of their own hold: what pytest says of them."""
+"""Run the tests that cover rows of the matrix and report their result."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ MAX_SECONDS = 1800.0  # for the tests of a row
 
 
 def run_tests_named(tests: tuple[str, ...], run: bool) -> tuple[str, str, tuple[str, ...]]:
-    """Name of the kind of end, what pytest says, and the tests that fail.
+    """Return the kind of outcome, pytest's summary, and the tests that fail.
 
-    Tests come with a clone, not with an installed package; unless ``run`` and there, they are only named.  A skipped
-    test shows nothing.
+    Tests come with a clone, not with an installed package; unless ``run`` is set and they exist, they are only named.  A
+    skipped test shows nothing.
     """
     named = ", ".join(tests)
     there = all((ROOT / test.partition("::")[0]).is_file() for test in tests) and importlib.util.find_spec("pytest")

@@ -1,4 +1,4 @@
-"""Figures of a scene with Matplotlib: all phases in one, or one after the other."""
+"""Draw a scene with Matplotlib: all phases in one figure, or one after the other as a film."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ show(0);
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """Sizes of one kind of picture."""
+    """Line widths, sizes and number of phases of one kind of picture."""
 
     line: float = 1.8  #: width of the bodies' lines [pt]
     dot: float = 11.0  #: area of a joint [pt^2]
@@ -63,9 +63,9 @@ SMALL = Look(line=1.2, dot=4.0, text=False, phases=6, rows=5)
 
 
 def stroboscope(scene: Scene, phases: int | None = None, look: Look | None = None) -> Figure:
-    """All phases in one figure: ground and start faint, the last one strong; the paths of the points as thin lines.
+    """Draw all phases in one figure, fading into the past, with thin lines for the paths of the points.
 
-    The phases of a motion along a line stand below one another, time runs down.
+    Phases of a motion along a line stand below one another, time runs down.
     """
     look = look or Look()
     rows = scene.along_a_line
@@ -86,7 +86,7 @@ def stroboscope(scene: Scene, phases: int | None = None, look: Look | None = Non
 
 
 def film(scene: Scene, frames: int | None = None) -> list[Image.Image]:
-    """One picture a time, with the paths up to it."""
+    """Return one picture per time, with the paths up to it."""
     look, pictures = Look(), []
     low, high = scene.box
     for i in scene.pick(frames or FRAMES):
@@ -100,24 +100,24 @@ def film(scene: Scene, frames: int | None = None) -> list[Image.Image]:
 
 
 def write_png(figure: Figure, file: Path) -> None:
-    """A small file: few colours, best compression."""
+    """Write a small PNG file: few colours, best compression."""
     _picture(figure).save(file, optimize=True)
 
 
 def write_svg(figure: Figure, file: Path) -> None:
-    """Text stays text; no date, so that the same motion gives the same file."""
+    """Write an SVG file with text as text and without a date, so that the same motion gives the same file."""
     figure.savefig(file, format="svg", metadata={"Date": None})
 
 
 def write_gif(pictures: list[Image.Image], span: float, file: Path) -> None:
-    """Played without end, in the time of the motion where that is between SHORTEST and LONGEST."""
+    """Write an endless GIF that runs in the time of the motion, clipped to SHORTEST and LONGEST seconds."""
     first, *others = pictures
     pause = int(_pause(len(pictures), span))
     first.save(file, save_all=True, append_images=others, duration=pause, loop=0, optimize=True)
 
 
 def write_html(pictures: list[Image.Image], span: float, name: str, file: Path) -> None:
-    """A page that needs nothing else: the frames, a button, a slider."""
+    """Write a self-contained page with the frames, a button and a slider."""
     frames = [base64.b64encode(_png(picture)).decode("ascii") for picture in pictures]
     pause = f"{_pause(len(frames), span):.0f}"
     page = PLAYER.substitute(name=html.escape(name), frames=json.dumps(frames), last=len(frames) - 1, pause=pause)
@@ -125,12 +125,12 @@ def write_html(pictures: list[Image.Image], span: float, name: str, file: Path) 
 
 
 def _pause(count: int, span: float) -> float:
-    """Between two pictures [ms]."""
+    """Time between two pictures [ms]."""
     return 1000 * float(np.clip(abs(span), SHORTEST, LONGEST)) / count
 
 
 def _sheet(low: Any, high: Any, caption: str, look: Look) -> tuple[Figure, Axes]:
-    """An empty figure that holds the box with equal scales."""
+    """Return an empty figure with equal scales that holds the box from ``low`` to ``high``."""
     middle, size = (low + high) / 2, np.maximum(1.1 * (high - low), 1e-12)
     size = np.maximum(size, 0.05 * size.max())
     if look.text:
@@ -151,7 +151,7 @@ def _sheet(low: Any, high: Any, caption: str, look: Look) -> tuple[Figure, Axes]
 
 
 def _draw_phase(axes: Axes, scene: Scene, i: int, share: float, drop: float, look: Look) -> None:
-    """The moving parts at one time; ``share`` 0 is the start, 1 the last."""
+    """Draw the moving parts at time number ``i``; ``share`` is 0 for the first phase and 1 for the last."""
     shift, moving = np.array([0.0, drop]), ~scene.fixed_lines
     strength = 0.45 if share == 0 else FADED + (1 - FADED) * share**2
     colour = START if share == 0 else BODY
@@ -172,7 +172,7 @@ def _draw_phase(axes: Axes, scene: Scene, i: int, share: float, drop: float, loo
 
 
 def _draw_ground(axes: Axes, scene: Scene, drop: float, look: Look) -> None:
-    """What never moves."""
+    """Draw the parts that never move."""
     shift = np.array([0.0, drop])
     axes.add_collection(LineCollection(scene.floor, colors=FLOOR, linewidths=0.6 * look.line, zorder=0.4))
     still = scene.lines[0, scene.fixed_lines] + shift
@@ -184,7 +184,7 @@ def _draw_ground(axes: Axes, scene: Scene, drop: float, look: Look) -> None:
 
 
 def _draw_paths(axes: Axes, scene: Scene, stop: int, drop: Any, look: Look) -> None:
-    """Where the moving points have been before time number ``stop``."""
+    """Draw the paths of the moving points before time number ``stop``."""
     places = scene.points[:stop, ~scene.fixed_points] + np.stack([0 * drop, drop], axis=1)[:stop, None]
     paths = LineCollection(list(places.transpose(1, 0, 2)), colors=PATH, alpha=0.75, linewidths=0.45 * look.line, zorder=1.5)
     paths.set_gid("paths")
@@ -192,7 +192,7 @@ def _draw_paths(axes: Axes, scene: Scene, stop: int, drop: Any, look: Look) -> N
 
 
 def _pitch(scene: Scene) -> float:
-    """Distance of two rows."""
+    """Vertical distance between two phases that stand below one another."""
     width, height = np.ptp(scene.box, axis=0)
     return float(max((1 + ROW_GAP) * height, ROW_LEAST * width))
 

@@ -1,4 +1,4 @@
-"""Drawings as files: one problem's motion, thumbnails of all."""
+"""Write drawings to files: one problem's motion, or thumbnails of all."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WRITERS: dict[str, Writer] = {
 
 
 def draw_one(spec: str, out: Path | None, frames: int | None, solver: str | None, seconds: float | None) -> dict[str, Any]:
-    """Write the drawing; what it shows, and in ``failed`` why not all that was asked for, "" where it does."""
+    """Write the drawing of one problem; the result says what it shows and, in ``failed``, why it ends early, or ""."""
     problem = load_problem(spec)
     file = out or Path(f"{problem.name}.png")
     write = WRITERS.get(file.suffix.lower())
@@ -52,9 +52,9 @@ def _drawn(problem: str, file: Path, course: Course) -> dict[str, Any]:
 def draw_all(
     folder: Path, tell: Callable[[str], None] = click.echo, progress: Callable[[str, int, int], None] = lambda *_: None
 ) -> list[dict[str, Any]]:
-    """One thumbnail a problem; those that cannot be drawn are named and ``failed``.
+    """Write one thumbnail per problem; those that cannot be drawn are marked ``failed``.
 
-    ``tell`` gets a line a problem, ``progress`` how many of how many are drawn.
+    ``tell`` receives one line per problem, ``progress`` the number drawn and the number in all.
     """
     folder.mkdir(parents=True, exist_ok=True)
     drawings: list[dict[str, Any]] = []
@@ -75,7 +75,7 @@ def draw_all(
 
 
 def _draw_thumbnail(problem: Problem, file: Path) -> Course:
-    """Write the thumbnail; what it shows."""
+    """Write the thumbnail and return the states it shows."""
     draw_state(problem, problem.q0)
     course = find_course(problem)
     draw.write_png(draw.stroboscope(make_scene(problem, course), look=draw.SMALL), file)

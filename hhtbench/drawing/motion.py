@@ -1,4 +1,4 @@
-"""States over time for a drawing, and the span of time that shows the motion."""
+"""Compute the states for a drawing, over the time that shows the motion."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution, Status
 
 SAMPLES = 600  # states of a course: 40 a swing where an interval holds 15 swings
-ENOUGH = 120  # states for a smooth path; of a shorter span they are found anew
+SMOOTH_STATES = 120  # states for a smooth path; if a span has fewer, it is solved again
 RTOL = 1e-6  # a thousandth of a pixel
 BUDGET = 50_000  # evaluations of a default solver: counted, not seconds, so that every machine draws the same
 TIGHT = "collocation(form=ggl)"
@@ -22,9 +22,9 @@ UNCONSTRAINED = "collocation(form=index1)"
 QUICK = "ida(form=ggl)"  # where the budget is used up
 
 TURN = 2.2  # length of a path over its extent: a circle has 2.22, to and fro 2, once across 1
-ACROSS = 0.9  # the same, from which on a swing that stands still is a whole one
-STANDING = 0.2  # speed over the greatest below which a point that slowed down and speeds up again has turned back
-DIVIDERS = 0.08  # opening of the dividers that measure a path, over its extent: a fast shake on the way does not count
+ACROSS = 0.9  # length over extent from which a swing that stands still counts as a whole one
+STANDING = 0.2  # speed over the largest, below which a local minimum of the speed counts as a turning point
+DIVIDERS = 0.08  # chord length over the path's extent: small fast vibrations do not add to the length
 SETTLED = 0.98  # share of all paths after which a motion has come to rest ...
 EARLY = 0.5  # ... if it is reached in this part of the interval
 
@@ -40,10 +40,10 @@ class Course:
 
 
 def find_course(problem: Problem, solver: str | None = None, seconds: float | None = None) -> Course:
-    """States of ``problem`` over the span that shows its motion, or over ``seconds`` [s] from the start.
+    """Compute the states of ``problem`` over the time that shows its motion, or over ``seconds`` [s] from the start.
 
-    They come from the named ``solver``; if none is named from the closed solution, or from the default solvers; if no
-    solver makes a step, the start alone is left.
+    They come from the named ``solver``, else from the closed solution, else from the default solvers; if no
+    solver makes a step, only the start is returned.
 
     Raises
     ------
@@ -61,23 +61,23 @@ def find_course(problem: Problem, solver: str | None = None, seconds: float | No
     whole = _course(problem, t1, solver)
     end = telling_end(whole.t, trace_points(problem, whole.q))
     kept = int(np.argmin(np.abs(whole.t - end))) + 1
-    if kept >= ENOUGH:
+    if kept >= SMOOTH_STATES:
         return replace(whole, t=whole.t[:kept], q=whole.q[:kept])
     return replace(_course(problem, end, solver), stopped=whole.stopped)
 
 
 def trace_points(problem: Problem, q: Matrix) -> Any:
-    """(k, j, d) places of the sketch's points, (k, 2 l, d) of the ends of its lines where it has none."""
+    """Positions (k, j, d) of the sketch's points, or (k, 2 l, d) of the ends of its lines if it has no points."""
     drawings = [draw_state(problem, row) for row in q]
     return np.array([points if len(points) else lines.reshape(-1, lines.shape[-1]) for points, lines, _ in drawings])
 
 
 def telling_end(t: Vector, places: Any) -> float:
-    """The time [s] up to which a motion is shown: about one turn, one swing, or until it comes to rest.
+    """Return the time [s] up to which a motion is shown: about one turn, one swing, or until it comes to rest.
 
-    ``places`` (k, j, d).  The point whose path extends farthest is followed, until it stands still on the other side or
+    ``places`` (k, j, d).  The point with the widest path is followed until it stands still on the other side or
     its path is ``TURN`` times as long as it is wide: phases on the way back would hide those on the way there.  Motions
-    along a level line, whose phases stand below one another, are shown there and back.  A motion that does ``SETTLED`` of
+    along a level line, whose phases stand below one another, are shown there and back.  A motion that covers ``SETTLED`` of
     all its paths before ``EARLY`` of the interval ends there.
     """
     steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)
@@ -96,7 +96,7 @@ def telling_end(t: Vector, places: Any) -> float:
 
 
 def _measure(places: Any, opening: float) -> Vector:
-    """Length of the path up to each of ``places`` (k, d), stepped off with dividers."""
+    """Return the length of the path up to each of ``places`` (k, d), measured by chords of at least ``opening``."""
     length, foot, lengths = 0.0, places[0], []
     for place in places:
         gap = float(np.linalg.norm(place - foot))
@@ -107,7 +107,7 @@ def _measure(places: Any, opening: float) -> Vector:
 
 
 def _turns_back(steps: Vector) -> Any:
-    """At each place, whether the path's steps are slowest there, and slow."""
+    """Mark the places at which the path is slowest locally, and slow compared with its fastest step."""
     before, after = np.append(np.inf, steps), np.append(steps, np.inf)
     near = np.minimum(before, after)
     around = np.minimum(np.append(np.inf, near[:-1]), np.append(near[1:], np.inf))
@@ -115,14 +115,14 @@ def _turns_back(steps: Vector) -> Any:
 
 
 def _first(flags: Any) -> int:
-    """Index of the first True, or the number of flags where there is none."""
+    """Return the index of the first True, or the number of flags if there is none."""
     return int(np.argmax(np.append(flags, True)))
 
 
 def draw_state(problem: Problem, q: Vector) -> tuple[Any, Any, str]:
-    """Points (j, d), lines (l, 2, d) and the note of the sketch at ``q``; in space the third axis points up.
+    """Return points (j, d), lines (l, 2, d) and the note of the sketch at ``q``; in space the third axis points up.
 
-    A sketch in space may name another axis in ``up``: 1 turns its second axis up.  It may tell in ``note`` what is not
+    A sketch in space may name another axis in ``up``: 1 turns its second axis up.  Its ``note`` may state what is not
     drawn to scale.
 
     Raises
@@ -151,7 +151,7 @@ def draw_state(problem: Problem, q: Vector) -> tuple[Any, Any, str]:
 
 
 def _course(problem: Problem, end: float, solver: str | None) -> Course:
-    """From the start to ``end`` [s]."""
+    """Compute the states from the start to ``end`` [s]."""
     t = np.linspace(problem.t_span[0], end, SAMPLES)
     if solver is None and problem.exact is not None:
         return Course(t=t, q=np.array([problem.exact(float(s)).q for s in t]), source="closed solution")
@@ -164,8 +164,10 @@ def _course(problem: Problem, end: float, solver: str | None) -> Course:
 
 
 def _solved(problem: Problem, t: Vector, solver: str | None) -> tuple[str, Solution]:
-    """The solver and its solution.  A default solver that uses up its budget gives way to a quicker one, no other does:
-    where it stops for the mechanics' sake, a less careful one would draw a motion that is not there.
+    """Solve and return the solver's name and solution; a default solver that exhausts its budget is replaced by a faster
+    one.
+
+    No other failure is: a less careful solver would draw a wrong motion where the first one stops for mechanical reasons.
     """
     if solver is not None:
         return solver, solve(problem, solver, rtol=RTOL, t_eval=t)

@@ -1,4 +1,4 @@
-"""Points and lines over time, seen from one side: what a figure draws."""
+"""Points and lines over time, projected onto the plane of the paper."""
 
 from __future__ import annotations
 
@@ -34,24 +34,24 @@ class Scene:
 
     @property
     def box(self) -> Any:
-        """(2, 2): lowest and highest corner of everything."""
+        """(2, 2): lowest and highest corner of all points and lines."""
         every = np.concatenate([self.points.reshape(-1, 2), self.lines.reshape(-1, 2), self.floor.reshape(-1, 2)])
         return np.array([every.min(axis=0), every.max(axis=0)])
 
     @property
     def along_a_line(self) -> bool:
-        """True where nothing moves up or down on the paper: phases on top of one another would show nothing."""
+        """True if nothing moves up or down on the paper, so that phases on top of one another would show nothing."""
         size = np.ptp(self.box, axis=0).max()
         moves = [np.ptp(x[..., 1], axis=0).max(initial=0.0) for x in (self.points, self.lines)]
         return not len(self.floor) and len(self.t) > 1 and max(moves) <= STILL * size
 
     def pick(self, count: int) -> Any:
-        """Indices of ``count`` times, equally spaced from the first to the last."""
+        """Return the indices of ``count`` times, equally spaced from the first to the last."""
         return np.unique(np.round(np.linspace(0, len(self.t) - 1, count)).astype(int))
 
 
 def make_scene(problem: Problem, course: Course) -> Scene:
-    """The sketch at every state of ``course``.
+    """Evaluate the sketch at every state of ``course`` and project it.
 
     Raises
     ------
@@ -85,14 +85,14 @@ def make_scene(problem: Problem, course: Course) -> Scene:
 
 
 def project(places: Any) -> Any:
-    """(..., 3) to (..., 2): seen from AZIMUTH and HEIGHT, the third axis up."""
+    """Project points (..., 3) to the paper (..., 2), seen from AZIMUTH and HEIGHT with the third axis up."""
     right = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
     up = np.array([-np.sin(HEIGHT) * np.cos(AZIMUTH), -np.sin(HEIGHT) * np.sin(AZIMUTH), np.cos(HEIGHT)])
     return places @ np.column_stack([right, up])
 
 
 def _floor(points: Any, lines: Any, fixed: Any) -> tuple[Any, Any]:
-    """Outline of the floor, level with the lowest place, and the shadows of the moving lines on it."""
+    """Return the outline of the floor at the lowest point, and the shadows of the moving lines on it."""
     every = np.concatenate([points.reshape(-1, 3), lines.reshape(-1, 3)])
     low, high = every.min(axis=0), every.max(axis=0)
     margin = MARGIN * (high - low)[:2].max()

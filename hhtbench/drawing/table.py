@@ -1,4 +1,4 @@
-"""The table of all registered problems in a Markdown file, renewed between two marks."""
+"""Write the table of all registered problems into a Markdown file, between two marks."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ WIDE = 120  # pixels of a thumbnail in the table
 
 
 def update_table(file: Path) -> None:
-    """Write the present table between the marks of ``file``.
+    """Replace the table between the marks of ``file``.
 
     Raises
     ------
     ProblemError
-        The file cannot be read or has not both marks.
+        The file cannot be read or lacks a mark.
     """
     before, _, after = split_text(file)
     file.write_text(f"{before}{BEGIN}\n{problem_table()}{END}{after}", encoding="utf-8")
 
 
 def split_text(file: Path) -> tuple[str, str, str]:
-    """The text before, between and after the marks."""
+    """Split the file into the text before, between and after the marks."""
     try:
         text = file.read_text(encoding="utf-8")
     except OSError as error:
@@ -45,7 +45,7 @@ def split_text(file: Path) -> tuple[str, str, str]:
 
 
 def problem_table() -> str:
-    """One row a registered problem, in the order of their names."""
+    """Return the table with one row per registered problem, sorted by name."""
     plan = registered_plans()
     rows = [HEADS, ("---",) * len(HEADS), *(_row(name, plan) for name in list_problems())]
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
@@ -67,7 +67,7 @@ def _row(name: str, plan: dict[str, Entry]) -> tuple[str, ...]:
 
 
 def _parameters(name: str) -> str:
-    """Names and default values; a long number is cut to four digits."""
+    """Return names and default values as text; numbers have four digits."""
     found = inspect.signature(plugins.load("problem", name)).parameters.values()
     return ", ".join(f"{p.name}={_short(p.default)}" for p in found)
 
@@ -77,14 +77,14 @@ def _short(value: Any) -> str:
 
 
 def _sizes(problem: Problem) -> tuple[int, int, int]:
-    """n, m, p."""
+    """Return the numbers of coordinates, position constraints and velocity constraints (n, m, p)."""
     t, q, v = problem.t_span[0], problem.q0, problem.v0
     g, k = (declared(problem.system, name) for name in ("constraint", "velocity_constraint"))
     return q.size, np.size(g(t, q)) if g else 0, np.size(k(t, q, v)) if k else 0
 
 
 def _values(name: str, problem: Problem, plan: dict[str, Entry]) -> str:
-    """The closed solution and the certified references."""
+    """Describe the closed solution and the certified references of a problem."""
     texts = ["closed solution"] if problem.exact is not None else []
     entries = [entry for entry in plan.values() if entry.spec.partition("(")[0] == name]
     if entries:

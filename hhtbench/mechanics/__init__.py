@@ -1,7 +1,7 @@
-"""Bodies, joints and forces from which a System is put together: ``space``, ``plane``, ``forces``, ``lines`` for drawings.
+"""Bodies, joints and forces for the functions of a System: ``space``, ``plane``, ``forces``, and ``lines`` for drawings.
 
-Functions on arrays, no classes: a System calls them in its own ``mass_matrix``, ``force`` and ``constraint``, in a few lines
-each, for any number of bodies or joints at once.
+Functions on arrays, no classes: a System calls them in its own ``mass_matrix``, ``force`` and ``constraint``, for any
+number of bodies or joints at once.
 """
 
 from importlib import import_module

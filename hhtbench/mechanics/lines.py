@@ -1,4 +1,4 @@
-"""What the drawings of the problems share: springs, supports, outlines.  They return (l, 2, d), ends of straight pieces."""
+"""Line pieces for the drawings of problems: springs, supports, outlines; arrays (l, 2, d) of end points."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ HATCHES = 5  # strokes below a piece of ground
 
 
 def chain(points: Any) -> Any:
-    """Pieces from each of ``points`` (k, d) to the next, (k - 1, 2, d)."""
+    """Line pieces (k - 1, 2, d) from each of ``points`` (k, d) to the next."""
     points = np.asarray(points, dtype=float)
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
 def outline(corners: Any) -> Any:
-    """The closed line through ``corners`` (k, d), (k, 2, d)."""
+    """Closed polygon (k, 2, d) through ``corners`` (k, d)."""
     corners = np.asarray(corners, dtype=float)
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
 
 
 def box_lines(middle: Any, width: float, height: float) -> Any:
-    """A block in the plane, (4, 2, 2)."""
+    """Rectangle (4, 2, 2) in the plane with centre ``middle`` (2,)."""
     half = np.array([width, height]) / 2
     return outline(np.asarray(middle) + half * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]))
 
 
 def circle_lines(middle: Any, radius: float, pieces: int = 16) -> Any:
-    """A circle in the plane, (pieces, 2, 2)."""
+    """Circle (pieces, 2, 2) in the plane, as a polygon."""
     turn = np.linspace(0.0, 2 * np.pi, pieces, endpoint=False)
     return outline(np.asarray(middle) + radius * np.column_stack([np.cos(turn), np.sin(turn)]))
 
 
 def spring_lines(a: Any, b: Any, coils: int = 5, width: float = 0.1) -> Any:
-    """A spring from ``a`` to ``b`` in the plane: straight ends and a zigzag ``width`` wide, (2 coils + 2, 2, 2)."""
+    """Spring (2 coils + 2, 2, 2) from ``a`` to ``b`` in the plane: straight ends and a zigzag ``width`` wide."""
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
     along = b - a
     length = float(np.linalg.norm(along))
@@ -45,7 +45,7 @@ def spring_lines(a: Any, b: Any, coils: int = 5, width: float = 0.1) -> Any:
 
 
 def ground_lines(left: Any, right: Any, depth: float) -> Any:
-    """Ground from ``left`` to ``right``, hatched on the right-hand side of that way, (1 + HATCHES, 2, 2)."""
+    """Ground line (1 + HATCHES, 2, 2) from ``left`` to ``right``, hatched on its right-hand side to ``depth``."""
     left, right = np.asarray(left, dtype=float), np.asarray(right, dtype=float)
     ahead = (right - left) / np.linalg.norm(right - left)
     down = depth * (np.array([ahead[1], -ahead[0]]) - 0.8 * ahead)
@@ -54,7 +54,7 @@ def ground_lines(left: Any, right: Any, depth: float) -> Any:
 
 
 def pin_lines(at: Any, size: float, up: float = -1.0) -> Any:
-    """A support that holds a pin at ``at`` in the plane: a triangle on hatched ground below it, above it with ``up`` 1."""
+    """Pin support at ``at`` in the plane: a triangle on hatched ground below the pin, or above it with ``up=1``."""
     at = np.asarray(at, dtype=float)
     triangle = outline(at + size * np.array([(0.0, 0.0), (-0.6, up), (0.6, up)]))
     ends = at + size * np.array([(-1.0, up), (1.0, up)])

@@ -1,4 +1,4 @@
-"""Shapes of what bodies and joints are given."""
+"""Check the shapes of the arguments of bodies and joints."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jax import Array
 
 
 def expect_rows(name: str, value: Any, bodies: Array, *size: int) -> Array:
-    """``value`` as an array (j, *size): a row for each of the bodies (j,), or one row for all.
+    """Return ``value`` as an array (j, *size): one row for each of the bodies (j,), or one row that serves all.
 
     Raises
     ------
@@ -20,12 +20,13 @@ def expect_rows(name: str, value: Any, bodies: Array, *size: int) -> Array:
     found = jnp.asarray(value)
     if found.shape[1:] != size or found.shape[0] not in (1, bodies.size):
         wanted = f"({', '.join(map(str, (bodies.size, *size)))})"
-        raise ValueError(f"{name} must have the shape {wanted}, a row for each body that is named; got {found.shape}.")
+        hint = f" One body needs a list of one row: {name}=[[...]]." if found.shape == size else ""
+        raise ValueError(f"{name} must have the shape {wanted}, one row per body named; got {found.shape}.{hint}")
     return jnp.broadcast_to(found, (bodies.size, *size))
 
 
 def expect_pairs(first: Any, second: Any, count: int) -> tuple[Array, Array]:
-    """Numbers of bodies (j,) and (j,), one pair a joint; there are ``count`` bodies, the ground included."""
+    """Return the body numbers ``first`` (j,) and ``second`` (j,) of j joints as arrays; raise if their lengths differ."""
     one, other = expect_bodies("first", first, count), expect_bodies("second", second, count)
     if one.shape != other.shape:
         raise ValueError(f"first and second must be lists of as many bodies; got shapes {one.shape} and {other.shape}.")

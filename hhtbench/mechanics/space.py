@@ -31,7 +31,7 @@ from hhtbench.mechanics.shapes import expect_bodies, expect_pairs, expect_rows, 
 
 
 def rate_tensor(side: float) -> Any:
-    """(3, 4, 4): ``[-e, e0 I + side e x]`` as ``tensor @ p``; side -1 gives G, +1 gives E."""
+    """Tensor (3, 4, 4) with ``tensor @ p = [-e, e0 I + side e x]``; side -1 gives G, +1 gives E."""
     tensor = np.zeros((3, 4, 4))
     i = np.arange(3)
     j, k = (i + 1) % 3, (i + 2) % 3
@@ -46,55 +46,57 @@ BODY, SPACE = rate_tensor(-1.0), rate_tensor(1.0)
 
 
 def body_rate_matrix(p: Any) -> Array:
-    """G (..., 3, 4)."""
+    """Matrix G (..., 3, 4) of the quaternion ``p`` (..., 4): body-fixed angular velocity ``w = 2 G p'``."""
     return jnp.einsum("ijk,...k->...ij", BODY, p)
 
 
 def space_rate_matrix(p: Any) -> Array:
-    """E (..., 3, 4)."""
+    """Matrix E (..., 3, 4) of the quaternion ``p`` (..., 4): angular velocity in space ``2 E p'``."""
     return jnp.einsum("ijk,...k->...ij", SPACE, p)
 
 
 def rotation(p: Any) -> Array:
-    """R (..., 3, 3): components in the body's frame to components in space."""
+    """Rotation matrix R (..., 3, 3) of ``p`` (..., 4): maps components in the body's frame to components in space."""
     return jnp.einsum("...ij,...kj->...ik", space_rate_matrix(p), body_rate_matrix(p))
 
 
 def body_rate(p: Any, pdot: Any) -> Array:
-    """w (..., 3) in the body's frame [rad/s]."""
+    """Angular velocity w (..., 3) in the body's frame [rad/s] from ``p`` and ``pdot`` (..., 4)."""
     return 2 * jnp.einsum("...ij,...j->...i", body_rate_matrix(p), pdot)
 
 
 def space_rate(p: Any, pdot: Any) -> Array:
-    """R w (..., 3) [rad/s]."""
+    """Angular velocity R w (..., 3) in space [rad/s] from ``p`` and ``pdot`` (..., 4)."""
     return 2 * jnp.einsum("...ij,...j->...i", space_rate_matrix(p), pdot)
 
 
 def quaternion_rate(p: Any, rate: Any) -> Array:
-    """p' (..., 4) [1/s] of the rate (..., 3) in space [rad/s]."""
+    """Quaternion derivative p' (..., 4) [1/s] for the angular velocity ``rate`` (..., 3) in space [rad/s]."""
     return jnp.einsum("...ij,...i->...j", space_rate_matrix(p), jnp.asarray(rate)) / 2
 
 
 def rotational_mass(p: Array, J: Any, j0: Any) -> Array:
-    """``4 G^T J G + 4 j0 p p^T``, (..., 4, 4) [kg m^2]; ``J`` (..., 3) principal moments, ``j0`` (...)."""
+    """Rotational mass matrix ``4 G^T J G + 4 j0 p p^T`` (..., 4, 4) [kg m^2]; ``J`` (..., 3) principal moments, ``j0``
+    (...).
+    """
     G = body_rate_matrix(p)
     along = jnp.asarray(j0)[..., None, None] * p[..., :, None] * p[..., None, :]
     return 4 * jnp.einsum("...ij,...i,...ik->...jk", G, jnp.asarray(J), G) + 4 * along
 
 
 def rotational_force(p: Array, pdot: Array, J: Any) -> Array:
-    """``F_p = -8 G(p')^T J G p'``, (..., 4) [N m]."""
+    """Quadratic velocity force ``F_p = -8 G(p')^T J G p'``, (..., 4) [N m]; ``J`` (..., 3) principal moments."""
     return -4 * jnp.einsum("...ij,...i->...j", body_rate_matrix(pdot), jnp.asarray(J) * body_rate(p, pdot))
 
 
 def split(q: Any) -> tuple[Array, Array]:
-    """Centres (k, 3) and quaternions (k, 4) of ``q`` (7 k,); velocities split alike."""
+    """Split ``q`` (7 k,) into centres (k, 3) and quaternions (k, 4); also velocities."""
     bodies = expect_split("q", jnp.asarray(q), 7)
     return bodies[:, :3], bodies[:, 3:]
 
 
 def mass_of_bodies(q: Array, m: Any, J: Any, j0: Any) -> Array:
-    """(7 k, 7 k), one block a body; masses ``m`` and ``j0`` (k,), moments ``J`` (k, 3)."""
+    """Mass matrix (7 k, 7 k), one block per body; masses ``m`` and ``j0`` (k,), principal moments ``J`` (k, 3)."""
     m = jnp.asarray(m)
     bodies = jnp.arange(m.size)
     blocks = jnp.zeros((m.size, 7, 7))
@@ -103,79 +105,81 @@ def mass_of_bodies(q: Array, m: Any, J: Any, j0: Any) -> Array:
 
 
 def force_on_bodies(q: Array, v: Array, m: Any, J: Any, gravity: Any) -> Array:
-    """Weight and terms quadratic in p', (7 k,); ``gravity`` (3,) [m/s^2]."""
+    """Generalised forces (7 k,) of weight and of the terms quadratic in p'; ``gravity`` (3,) [m/s^2]."""
     rotational = rotational_force(split(q)[1], split(v)[1], J)
     return jnp.concatenate([jnp.asarray(m)[:, None] * jnp.asarray(gravity), rotational], axis=1).ravel()
 
 
 def energy_of_bodies(q: Array, v: Array, m: Any, J: Any, gravity: Any) -> Array:
-    """Kinetic energy and height [J]; j0 takes no part."""
+    """Kinetic plus gravitational potential energy [J] of k bodies; ``j0`` does not contribute."""
     (x, p), (xdot, pdot), m = split(q), split(v), jnp.asarray(m)
     w = body_rate(p, pdot)
     return jnp.sum(m[:, None] * xdot**2) / 2 + jnp.sum(jnp.asarray(J) * w**2) / 2 - m @ x @ jnp.asarray(gravity)
 
 
 def moment_of_momentum(q: Array, v: Array, m: Any, J: Any) -> Array:
-    """About the origin, (3,) [kg m^2/s]."""
+    """Angular momentum (3,) [kg m^2/s] of k bodies about the origin."""
     (x, p), (xdot, pdot) = split(q), split(v)
     spin = jnp.einsum("kij,kj->i", rotation(p), jnp.asarray(J) * body_rate(p, pdot))
     return spin + jnp.asarray(m) @ jnp.cross(x, xdot)
 
 
 def norm_rows(p: Array) -> Array:
-    """``p.p - 1``, (...)."""
+    """Residuals ``p.p - 1`` (...) of the norm constraints of quaternions ``p`` (..., 4)."""
     return jnp.sum(p**2, axis=-1) - 1
 
 
 class Placement(NamedTuple):
-    """Where bodies are: ``x`` (k + 1, 3) centres [m] and ``R`` (k + 1, 3, 3); the last one is the ground."""
+    """Positions of bodies: centres ``x`` (k + 1, 3) [m] and rotations ``R`` (k + 1, 3, 3); the last body is the ground."""
 
     x: Array
     R: Array
 
 
 def placed_with_ground(q: Array) -> Placement:
-    """k bodies of ``q`` (7 k,) and the ground as number k (or -1), its frame that of space."""
+    """Placement of the k bodies of ``q`` (7 k,) and of the ground, which is number k (or -1) and has the frame of space."""
     x, p = split(q)
     return Placement(jnp.concatenate([x, jnp.zeros((1, 3))]), jnp.concatenate([rotation(p), jnp.eye(3)[None]]))
 
 
 def points_on(at: Placement, body: Any, local: Any, name: str = "local") -> Array:
-    """Points (j, 3) [m]; ``local`` (j, 3) in the frames of the bodies numbered ``body`` (j,).
+    """Positions (j, 3) [m] in space of the points ``local`` (j, 3) in the frames of the bodies numbered ``body`` (j,).
 
     Raises
     ------
     ValueError
-        ``local``, which the text calls ``name``, has another shape.
+        ``local`` has another shape; the text calls it ``name``.
     """
     body = expect_bodies("body", body, len(at.x))
     return at.x[body] + jnp.einsum("jab,jb->ja", at.R[body], expect_rows(name, local, body, 3))
 
 
 def spherical_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
-    """Points ``a`` of bodies ``first`` less points ``b`` of bodies ``second``, (3 j,) [m]."""
+    """Residuals (3 j,) [m] of spherical joints: points ``a`` (j, 3) of bodies ``first`` minus points ``b`` of ``second``."""
     first, second = expect_pairs(first, second, len(at.x))
     return (points_on(at, first, a, "a") - points_on(at, second, b, "b")).ravel()
 
 
 def perpendicular_rows(at: Placement, first: Any, second: Any, across: Any, axis: Any) -> Array:
-    """Two directions ``across`` (j, 2, 3) of ``first`` times ``axis`` (j, 3) of ``second``, (2 j,)."""
+    """Scalar products (2 j,) of two directions ``across`` (j, 2, 3) of ``first`` with ``axis`` (j, 3) of ``second``."""
     first, second = expect_pairs(first, second, len(at.x))
     turned = jnp.einsum("jcb,jab->jca", expect_rows("across", across, first, 2, 3), at.R[first])
     return jnp.einsum("jca,jab,jb->jc", turned, at.R[second], expect_rows("axis", axis, second, 3)).ravel()
 
 
 def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any, across: Any, axis: Any) -> Array:
-    """A common point and a common axis, (5 j,): ``axis`` belongs to ``second``, ``across`` spans the plane across it in
-    ``first``.
+    """Residuals (5 j,) of revolute joints: a common point and a common axis.
+
+    ``axis`` (j, 3) belongs to ``second``; ``across`` (j, 2, 3) spans the plane normal to it in ``first``.
     """
     return jnp.concatenate([spherical_rows(at, first, second, a, b), perpendicular_rows(at, first, second, across, axis)])
 
 
 def velocity_at(q: Array, v: Array, body: Any, offset: Any) -> Array:
-    """Velocities (j, 3) [m/s] of the material points ``offset`` (j, 3), in space, from the centres of the bodies ``body``.
+    """Velocities (j, 3) [m/s] in space of body points at ``offset`` (j, 3) [m] from the centres of the bodies ``body``
+    (j,).
 
-    A body rolls where this is zero at its point of contact: a velocity constraint.
+    A body rolls if this is zero at its point of contact: a velocity constraint.
     """
     (_, p), (xdot, pdot), body = split(q), split(v), jnp.asarray(body)
     return xdot[body] + jnp.cross(space_rate(p[body], pdot[body]), expect_rows("offset", offset, body, 3))

@@ -1,4 +1,4 @@
-"""Turns what a caller passes into private float64 arrays, or says what is wrong with it."""
+"""Check and convert arguments: private float64 arrays, or an error that says what was expected."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from hhtbench.protocol.errors import ProblemError
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-LARGEST_INTEGER = 2**63 - 1  # what compiled loops count with
+LARGEST_INTEGER = 2**63 - 1  # range of the compiled loops' counters
 FLOAT = np.dtype(np.float64)
-FEW = 36  # entries
+MAX_SUMMED = 36  # entries of an array whose finiteness is checked by a Python sum, five times faster
 LONGEST_SHOWN = 60  # characters of a value in a message
 
 
 def real_array(name: str, value: Any) -> NDArray[np.float64]:
-    """A private, read-only float64 copy of ``value``.
+    """Return a private, read-only float64 copy of ``value``.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def real_array(name: str, value: Any) -> NDArray[np.float64]:
 
 
 def real_values(name: str, value: Any) -> NDArray[np.float64]:
-    """A private float64 copy of ``value``; entries may be NaN or infinite (a callback's result, say)."""
+    """Return a private float64 copy of ``value`` without a check for NaN and infinity (for results of callbacks, say)."""
     if type(value) is np.ndarray and value.dtype is FLOAT:
         return value.copy()
     expected = f"{name} must be real numbers"
@@ -52,22 +52,24 @@ def real_values(name: str, value: Any) -> NDArray[np.float64]:
         raise traced(name) from None
     except ValueError as error:
         raise TypeError(f"{expected}; got a ragged sequence ({error}).") from error
+    if isinstance(value, str):
+        raise TypeError(f"{expected}; got the text {shown(value)}. Write numbers without quotes.")
     if array.dtype.kind not in "fiu":
         raise TypeError(f"{expected}; got dtype {array.dtype} ({type(value).__name__}).")
     return array.astype(np.float64, copy=False)
 
 
 def all_finite(array: NDArray[np.float64]) -> bool:
-    """Whether ``array`` holds neither NaN nor infinity."""
-    if array.size <= FEW:
+    """True if no entry of ``array`` is NaN or infinite."""
+    if array.size <= MAX_SUMMED:
         entries = array if array.ndim == 1 else array.ravel()
-        if math.isfinite(sum(entries.tolist())):  # in a fifth of the time of NumPy's own look
+        if math.isfinite(sum(entries.tolist())):
             return True
     return bool(np.isfinite(array).all())
 
 
 def real_vector(name: str, value: Any, size: int | None = None) -> Vector:
-    """A private, read-only vector ``(size,)``; scalars, columns and rows are refused, never broadcast."""
+    """Return a private, read-only vector ``(size,)``; scalars, columns and rows are refused, never broadcast."""
     array = real_array(name, value)
     if array.ndim != 1 or (size is not None and array.shape != (size,)):
         wanted = f"({size},)" if size is not None else "(n,), one dimension"
@@ -76,7 +78,7 @@ def real_vector(name: str, value: Any, size: int | None = None) -> Vector:
 
 
 def real_number(name: str, value: Any, *, unit: str = "") -> float:
-    """A finite float; booleans, strings and arrays (also of one entry) are refused."""
+    """Return ``value`` as a finite float; booleans, strings and arrays (also of one entry) are refused."""
     if type(value) is float and math.isfinite(value):
         return value
     if isinstance(value, (bool, str)) or value is None:
@@ -96,7 +98,7 @@ def real_number(name: str, value: Any, *, unit: str = "") -> float:
 
 
 def positive_integer(name: str, value: Any) -> int:
-    """An integer of at least 1 that compiled loops can count to."""
+    """Return ``value`` as an integer from 1 to 2**63 - 1, the range of the compiled loops' counters."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
         raise TypeError(f"{name} must be a whole number of at least 1; got {value!r}.")
     if not 1 <= value <= LARGEST_INTEGER:
@@ -106,13 +108,13 @@ def positive_integer(name: str, value: Any) -> int:
 
 
 def check_interval(name: str, t0: float, t1: float) -> None:
-    """Raise unless the length of the interval from ``t0`` to ``t1`` [s] is a float."""
+    """Raise unless the interval's length ``t1 - t0`` [s] is a finite float."""
     if not math.isfinite(t1 - t0):
         raise ProblemError(f"{name} from {t0:g} to {t1:g} s is longer than a float holds; take a shorter interval.")
 
 
 def shown(value: Any) -> str:
-    """``value`` in a message: short, whatever it is."""
+    """Return ``repr(value)`` for a message, cut to ``LONGEST_SHOWN`` characters."""
     try:
         text = repr(value)
     except ValueError:  # Python writes no whole number of more than some thousand digits
@@ -121,7 +123,7 @@ def shown(value: Any) -> str:
 
 
 def traced(name: str) -> TypeError:
-    """What to raise for a value inside ``jax.grad``, ``jax.jit`` or ``jax.vmap``."""
+    """Return the TypeError for a value that is traced by ``jax.grad``, ``jax.jit`` or ``jax.vmap``."""
     return TypeError(
         f"{name} is traced by JAX (grad, jit or vmap), and hhtbench integrates numbers: solve is not differentiable yet. "
         "Call it outside with concrete values; for a derivative take differences of solves that take the same steps "

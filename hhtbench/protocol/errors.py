@@ -38,7 +38,7 @@ class NonFiniteValue(Stop):
 
 
 class BudgetSpent(Stop):
-    """A budget of calls or of seconds is used up."""
+    """Signal that the budget of residual evaluations or of seconds is used up."""
 
     def __init__(self, budget: str, limit: float, note: str = "") -> None:
         self.budget = budget  #: "evaluations" or "seconds"
@@ -47,6 +47,7 @@ class BudgetSpent(Stop):
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """The hint " Did you mean ...?" with the closest of ``known``; empty where none is close."""
-    close = get_close_matches(name, list(known), n=1)
+    """Return the hint " Did you mean ...?" with the closest of ``known``; empty string if none is close."""
+    names = list(known)
+    close = [other for other in names if other.lower() == name.lower()] or get_close_matches(name, names, n=1)
     return f" Did you mean {close[0]}?" if close else ""

@@ -28,7 +28,7 @@ LIBRARIES = ("hhtbench", "numpy", "scipy", "jax", "jaxlib", "equinox")
 
 @dataclass(frozen=True, kw_only=True)
 class Row:
-    """One claim and what was measured."""
+    """One claim with the measured value, its bound and the verdict."""
 
     id: str  #: short and stable, "5.1/q"
     claim: str  #: a sentence
@@ -45,7 +45,7 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Curve:
-    """One line of a plot."""
+    """One curve of a plot: label, abscissae and ordinates."""
 
     label: str
     x: tuple[float, ...]
@@ -54,7 +54,7 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """A table of curves that the report draws."""
+    """A plot for the report: curves, titles, axis labels and scaling."""
 
     id: str
     title: str
@@ -108,7 +108,7 @@ class Evidence(Printed):
         return tabulate(body, headers=headers, tablefmt=style, disable_numparse=True, maxcolwidths=widths)
 
     def as_dict(self) -> dict[str, Any]:
-        """The JSON contract as plain Python values; a number that is not finite is written as text."""
+        """Return the JSON document as plain Python values; a number that is not finite is written as text."""
         rows = [
             {"id": r.id, "claim": r.claim, "measured": _json(r.measured), "bound": r.bound, "passed": r.passed}
             for r in self.rows
@@ -121,7 +121,7 @@ class Evidence(Printed):
 
 
 def read_evidence(path: str | Path) -> Evidence:
-    """What :meth:`Evidence.write_json` wrote: claims and environment, without curves.
+    """Read an :class:`Evidence` from a file of :meth:`Evidence.write_json`: claims and environment, without curves.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def read_evidence(path: str | Path) -> Evidence:
 
 
 def environment() -> dict[str, str]:
-    """Machine and versions a figure was measured with."""
+    """Return Python's, the machine's and the libraries' names and versions, and today's date (UTC)."""
     found = {"python": platform.python_version(), "machine": platform.machine(), "system": platform.system()}
     for library in LIBRARIES:
         try:
@@ -152,7 +152,7 @@ def environment() -> dict[str, str]:
 
 
 def plain(value: Any) -> Any:
-    """``value`` as JSON: arrays as lists, a number that is not finite as null."""
+    """Convert ``value`` to JSON types: arrays to lists, NaN and infinity to null."""
     if isinstance(value, dict):
         return {str(key): plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
@@ -163,7 +163,10 @@ def plain(value: Any) -> Any:
 
 
 def _widths(body: list[list[str]], width: int) -> list[int]:
-    """Widths of columns, two spaces apart: the first two keep theirs, the others share what is left by what they need."""
+    """Return the widths of the five columns of a table that fits ``width`` characters.
+
+    The first two keep their natural width; the others share the rest in proportion to what they need.
+    """
     needed = [max(len(row[i]) for row in body) for i in range(5)] if body else [1] * 5
     kept, others = [max(n, 4) for n in needed[:2]], needed[2:]
     left = max(width - sum(kept) - 8, 30)

@@ -20,7 +20,7 @@ OF_POSITION = {  # functions without velocities, and what to do where there are 
 
 
 def from_sympy(method: Any, values: Mapping[Any, float], name: str = "Lagrange") -> System:
-    """The system of ``M(t, q) q'' = F(t, q, q') + Q`` with holonomic and nonholonomic constraints of ``method``.
+    """Make a System from SymPy's ``LagrangesMethod``: ``M(t, q) q'' = F(t, q, q')`` with its constraints.
 
     Its parameters are the symbols of the expressions, with their names: ``dataclasses.replace(system, m=2.0)`` changes one
     without a new compilation.  The multipliers' sign is that of :class:`~hhtbench.System`: ``Q = -g_q^T lam``.
@@ -28,17 +28,18 @@ def from_sympy(method: Any, values: Mapping[Any, float], name: str = "Lagrange")
     Parameters
     ----------
     method
-        A ``LagrangesMethod``; its equations are formed where they were not.
+        A ``LagrangesMethod``; ``form_lagranges_equations`` is called if it was not yet.  Its holonomic constraints become
+        ``constraint``, its nonholonomic ones ``velocity_constraint``.
     values
         The number of every symbol in it (or of its name) [SI].
     name
-        Of the system's class, in messages.
+        Name of the new system class, used in messages.
 
     Raises
     ------
     ProblemError
-        A symbol has no value, or a name that cannot be a parameter's; a value belongs to no symbol; the mass or a holonomic
-        constraint depends on velocities.
+        A symbol has no value or a name that no parameter can have; a value belongs to no symbol; the mass matrix or a
+        holonomic constraint depends on velocities.
     """
     import sympy
     from sympy.physics.mechanics import LagrangesMethod, dynamicsymbols
@@ -80,7 +81,7 @@ def from_sympy(method: Any, values: Mapping[Any, float], name: str = "Lagrange")
 
 
 def _of_time(expression: Any, t: Any) -> set[Any]:
-    """Undefined functions of time in it, and their derivatives."""
+    """Return the undefined functions of time in ``expression``, and their derivatives."""
     import sympy
     from sympy.core.function import AppliedUndef
 
@@ -88,7 +89,7 @@ def _of_time(expression: Any, t: Any) -> set[Any]:
 
 
 def _numbers(symbols: list[Any], values: Mapping[Any, float]) -> dict[str, float]:
-    """The parameters by name, sorted; every symbol has a number, and no number is left."""
+    """Return the parameters' values by name, sorted; raise if a symbol has no value or a value no symbol."""
     given = {str(symbol): value for symbol, value in values.items()}
     wanted = [str(symbol) for symbol in symbols]
     if twice := sorted({word for word in wanted if wanted.count(word) > 1}):
@@ -106,7 +107,7 @@ def _numbers(symbols: list[Any], values: Mapping[Any, float]) -> dict[str, float
 
 
 def _method(function: Any, parameters: tuple[str, ...], title: str) -> Any:
-    """``function`` of (t, q, v, parameters) as the method ``title`` of a system; a column becomes a vector."""
+    """Wrap ``function(t, q, v, parameters)`` as the method ``title`` of a system; a column (k, 1) becomes a vector (k,)."""
 
     def full(self: Any, t: Any, q: Any, v: Any) -> Any:
         found = jnp.asarray(function(t, q, v, [getattr(self, name) for name in parameters]), dtype=jnp.float64)

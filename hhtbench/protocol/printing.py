@@ -1,4 +1,4 @@
-"""How numbers and objects are printed."""
+"""Printing of numbers and of objects in notebooks."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from html import escape
 
 
 class Printed:
-    """Base of objects that a notebook shows as their ``str``."""
+    """Base class whose HTML representation in a notebook is its ``str`` in a ``<pre>`` element."""
 
     def _repr_html_(self) -> str:
         return f"<pre>{escape(str(self))}</pre>"
 
 
 def exact(x: float) -> str:
-    """The shortest decimal text that reads back as ``x``: 0.96, 10, 1e-08."""
+    """Return the shortest decimal text that reads back as ``x``: 0.96, 10, 1e-08."""
     return repr(float(x)).removesuffix(".0")

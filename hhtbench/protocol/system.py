@@ -47,7 +47,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.protocol.arguments import Vector, check_interval, real_array, real_number, real_vector
+from hhtbench.protocol.arguments import Vector, check_interval, real_array, real_number, real_vector, shown
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.printing import Printed, exact
 
@@ -57,13 +57,13 @@ if TYPE_CHECKING:
 
 
 class Signature(NamedTuple):
-    """What a function that a system may declare takes and returns."""
+    """Arguments and result shapes of a function that a system may declare."""
 
     arguments: tuple[str, ...]  #: symbols of the table above
     results: tuple[str, ...]  #: sizes of the array by letter, "mn" is (m, n); two: a pair; none: a dict of scalars
 
     def shapes(self, n: int, m: int, p: int) -> tuple[tuple[int, ...], ...]:
-        """Of the results."""
+        """Return the shapes of the results for n coordinates, m position and p velocity constraints."""
         return tuple(tuple({"n": n, "m": m, "p": p}[letter] for letter in letters) for letters in self.results)
 
 
@@ -92,12 +92,12 @@ DERIVATIVES = {
     "reaction_jacobians": _signature("t q lam", "nn", "nm"),  # Q_q, Q_lam
 }
 SIGNATURES = PHYSICS | DERIVATIVES
-WITH_VELOCITY = {  # of a reaction that depends on v too, as friction in a joint does: its four arguments tell
+WITH_VELOCITY = {  # reactions that depend on v too (friction in a joint), recognised by their four arguments
     "reaction": _signature("t q v lam", "n"),
     "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
 }
 NEAR = 0.8  # of difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
-OTHER_WORDS = dict.fromkeys(("mass", "masses", "M"), "mass_matrix")  # what is meant where difflib does not see it
+OTHER_WORDS = dict.fromkeys(("mass", "masses", "M"), "mass_matrix")  # synonyms that difflib does not match
 DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
 TAGS = (  # kinds of problems, for choosing among them
     "holonomic",
@@ -128,15 +128,15 @@ PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of M and of d
 
 
 def near_name(name: str) -> str:
-    """The name of ``DECLARABLE`` that somebody may mean by ``name``; empty where none is near."""
+    """Return the name in ``DECLARABLE`` that is closest to the misspelt ``name``; empty string if none is close."""
     return OTHER_WORDS.get(name) or next(iter(get_close_matches(name, DECLARABLE, 1, NEAR)), "")
 
 
 def parameter(default: Any = ..., *, doc: str = "") -> Any:
-    """A physical parameter of a :class:`System`: stored as a float64 array of its own.
+    """Declare a physical parameter of a :class:`System`; its value is stored as a float64 array.
 
-    Arrays, not Python floats: a new value then reuses the compiled code, a float would be traced again.
-    ``doc`` states meaning and unit.
+    A new value of an array reuses the compiled code; a Python float would be traced again.  ``doc`` states meaning and
+    unit.
     """
     options: dict[str, Any] = {"converter": lambda x: jnp.array(x, dtype=jnp.float64), "metadata": {"doc": doc}}
     if default is not ...:
@@ -145,7 +145,7 @@ def parameter(default: Any = ..., *, doc: str = "") -> Any:
 
 
 class System(eqx.Module):
-    """Physics in pure ``jax.numpy`` functions; subclass it and declare what the scene requires, no more.
+    """The physics as pure ``jax.numpy`` functions; subclass it and declare what the scene requires, no more.
 
     Required: ``force(t, q, v) -> (n,)``.  Optional, each costing nothing while undeclared (an attribute that
     is missing or None is undeclared):
@@ -161,19 +161,19 @@ class System(eqx.Module):
     ``energy(t, q, v) -> scalar``, ``invariants(t, q, v) -> dict of scalars``
         Measured, never used by a solver.
     ``power(t, q, v, lam, mu) -> scalar``
-        What feeds ``energy`` (dampers, forces without a potential, moving constraints), so that along every motion
-        ``d energy/dt = power`` [W].  Undeclared: the energy is conserved.
+        Power [W] that enters ``energy`` (dampers, forces without a potential, moving constraints): along every motion
+        ``d energy/dt = power``.  Undeclared: the energy is conserved.
 
-    The derivatives in ``DERIVATIVES`` may be declared too; what is missing comes from automatic differentiation.  So may
-    ``sparsity``, a mapping from names in ``PATTERNS`` to booleans: matrices of large systems have these patterns then, and
-    of the other functions those that their computation shows.
+    The derivatives in ``DERIVATIVES`` may be declared too; automatic differentiation gives those that are not.
+    ``sparsity`` maps names in ``PATTERNS`` to boolean arrays, the nonzero patterns of these matrices of large systems; the
+    patterns of the other matrices are found from the functions' computation graphs.
     """
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
         inherited = {name: entry for base in reversed(cls.__mro__[1:]) for name, entry in _fields_of(base).items()}
         own = {name: cls.__dict__.get(name, dataclasses.MISSING) for name in inspect.get_annotations(cls)}
-        first = None  # of those with a default
+        first = None  # the first parameter with a default
         for name, entry in (inherited | own).items():
             if _has_default(entry):
                 first = first or name
@@ -195,15 +195,15 @@ def _has_default(entry: Any) -> bool:
 
 
 class NumpySystem:
-    """The same physics as plain callables on NumPy arrays (a wrapped external code, say).
+    """The physics as plain callables on NumPy arrays (a wrapped external code, say).
 
-    Takes the names in ``DECLARABLE`` as keywords.  Derivatives that are missing come
-    from differences, coloured when ``sparsity`` gives the pattern; the constraints then hold to the error of
-    the difference scheme (about 1e-9), not to roundoff.  Where it gives those of F by q and v, of the constraints and of
-    a mass that varies, a large system has no full matrices in its steps.  Arguments are read-only copies.
+    Its keywords are the names in ``DECLARABLE``; ``force`` is required.  Derivatives that are not declared come from finite
+    differences, coloured when ``sparsity`` gives the pattern; the constraints then hold to the error of the difference
+    scheme (about 1e-9), not to roundoff.  With the patterns of F_q, F_v, the constraint Jacobians and a variable mass
+    matrix a large system is integrated without dense matrices.  The callables receive read-only copies.
 
-    Its sizes and a constant mass serve later solves; its functions are asked for all else again, since they may be any
-    Python and refer to what changes.
+    Sizes and a constant mass matrix are stored and used by later solves.  No other result is stored, since the callables
+    may be any Python and may refer to what changes.
     """
 
     def __init__(self, *, force: Callable[..., Any] | None = None, **declared: Any) -> None:
@@ -229,15 +229,12 @@ class NumpySystem:
 
 
 def declared(system: System | NumpySystem, name: str) -> Any:
-    """What ``system`` declares under ``name``, or None."""
+    """Return the function or value that ``system`` declares under ``name``, or None."""
     return getattr(system, name, None)
 
 
 def reaction_takes_velocity(system: System | NumpySystem) -> bool:
-    """Whether ``reaction`` is declared as a function of (t, q, v, lam), and not of (t, q, lam).
-
-    What takes both, as a function of any number of arguments does, is given three.
-    """
+    """True if ``reaction`` is a function of (t, q, v, lam); one that also takes (t, q, lam) is called with these three."""
     function = declared(system, "reaction")
     return (
         callable(function) and accepts(function, WITH_VELOCITY["reaction"]) and not accepts(function, SIGNATURES["reaction"])
@@ -245,7 +242,7 @@ def reaction_takes_velocity(system: System | NumpySystem) -> bool:
 
 
 def accepts(function: Callable[..., Any], signature: Signature) -> bool:
-    """Whether ``function`` can be called with the arguments of ``signature``; True where it does not tell."""
+    """True if ``function`` can be called with the arguments of ``signature``, or if Python cannot inspect its signature."""
     try:
         inspect.signature(function).bind(*signature.arguments)
     except TypeError:
@@ -256,13 +253,13 @@ def accepts(function: Callable[..., Any], signature: Signature) -> bool:
 
 
 def signature_of(system: System | NumpySystem, name: str) -> Signature:
-    """What the function ``name`` that ``system`` may declare takes and returns: of reactions with or without v."""
+    """Return the arguments and result shapes of the function ``name`` of ``system``; reactions may take v or not."""
     with_velocity = name in WITH_VELOCITY and reaction_takes_velocity(system)
     return WITH_VELOCITY[name] if with_velocity else SIGNATURES[name]
 
 
 def checked_patterns(sparsity: Any) -> Mapping[str, Any]:
-    """What is declared as ``sparsity``: patterns by name, arrays or SciPy's sparse matrices; {} for None.
+    """Return the declared ``sparsity``, patterns by name (arrays or SciPy's sparse matrices); {} for None.
 
     Raises
     ------
@@ -280,7 +277,7 @@ def checked_patterns(sparsity: Any) -> Mapping[str, Any]:
 
 
 def full_pattern(pattern: Any) -> np.ndarray:
-    """An array or one of SciPy's sparse matrices as an array of booleans."""
+    """Convert an array or a SciPy sparse matrix to a dense boolean array."""
     return np.asarray(pattern.toarray() if hasattr(pattern, "toarray") else pattern, dtype=bool)
 
 
@@ -295,7 +292,7 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """Typical sizes, used to scale errors and drift: one number each or one per component."""
+    """Typical sizes of q, v, lam and mu that scale errors and drift: one number each or one per component."""
 
     q: Any = 1.0
     v: Any = 1.0
@@ -303,16 +300,16 @@ class Scales:
     mu: Any = 1.0
 
 
-UNSCALED = Scales()  #: of problems that declare none
+UNSCALED = Scales()  #: the default: no scales declared
 
 
 @dataclass(frozen=True, kw_only=True)
 class MinimalCoordinates:
-    """The same motion by as many coordinates ``s`` (d,) as it has freedoms: no constraints, an ODE."""
+    """The same motion in d independent coordinates ``s``, d the degrees of freedom: an ODE without constraints."""
 
     system: System  #: its coordinates are ``s``
     embed: Callable[[Any], Any]  #: s (d,) -> q (n,), in ``jax.numpy``
-    s0: Any  #: (d,) start, embedded that of the problem
+    s0: Any  #: (d,) start: embed(s0) is q0
     u0: Any  #: (d,) ds/dt there
 
 
@@ -321,11 +318,11 @@ Observable = Callable[[float, Vector, Vector, Vector], Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Problem(Printed):
-    """A System with a consistent start, an interval and what to measure."""
+    """A System with a consistent start, an interval and the quantities to measure."""
 
     name: str
     system: System | NumpySystem
-    t_span: tuple[float, float]  #: start and end [s]
+    t_span: tuple[float, float]  #: start and end [s]; an end before the start integrates backward
     q0: Vector  #: (n,) coordinates at the start
     v0: Vector  #: (n,) velocities at the start
     lam_guess: Vector | None = None  #: (m,) starting guess of the multipliers; it picks the root where Q is nonlinear
@@ -335,12 +332,17 @@ class Problem(Printed):
     exact: Callable[[float], Motion] | None = None  #: closed solution
     reference: Mapping[str, Any] | None = None  #: t (k,), q, v (k, n), maybe lam (k, m), mu (k, p), digits
     sketch: Callable[[Vector], Any] | None = None  #: q -> points and lines of a drawing
-    minimal: Callable[[], MinimalCoordinates] | None = None  #: where somebody has written them down
-    tags: tuple[str, ...] = ()  #: of ``TAGS``, what a solver must be able to take
+    minimal: Callable[[], MinimalCoordinates] | None = None  #: makes an unconstrained formulation, if there is one
+    tags: tuple[str, ...] = ()  #: some of ``TAGS``: the kinds of problems it belongs to
     good_for: str = ""  #: one sentence: what this problem shows that others do not
     source: str = ""  #: where the equations and values come from
 
     def __post_init__(self) -> None:
+        if isinstance(self.system, type):
+            made = self.system.__name__
+            raise TypeError(f"system must be an object, not the class {made}; write system={made}(), with its parameters.")
+        if not isinstance(self.scales, Scales):
+            raise TypeError(f"scales must be a hhtbench.Scales, such as hb.Scales(q=1.0, v=2.0); got {shown(self.scales)}.")
         q0 = real_vector("q0", self.q0)
         if q0.size == 0:
             raise ProblemError("q0 must hold at least one coordinate; got shape (0,).")
@@ -363,7 +365,7 @@ class Problem(Printed):
 
     @property
     def note_on_scales(self) -> str:
-        """What is to be said beside its errors where they are scaled by nothing; "" where it declares scales of q or v."""
+        """Note for messages that errors are unscaled; empty string if the problem declares scales."""
         return "The problem declares no scales: errors are in its own units." if self.scales is UNSCALED else ""
 
     def __repr__(self) -> str:
@@ -371,9 +373,8 @@ class Problem(Printed):
         return f"<Problem {self.name}: {self.q0.size} coordinates, t = {exact(t0)} to {exact(t1)} s{tags}>"
 
     def starting(self, t_span: tuple[float, float] | None = None, q0: Any = None, v0: Any = None) -> Problem:
-        """This problem over another interval or from another start, without what is known of its own motion.
-
-        That is ``exact``, ``reference`` and ``minimal``; the multipliers' guesses stay.  Nothing given: the problem itself.
+        """Return this problem over another interval or from another start, without ``exact``, ``reference`` and
+        ``minimal``.
         """
         if t_span is None and q0 is None and v0 is None:
             return self
@@ -384,18 +385,18 @@ class Problem(Printed):
 
 
 class Solver(Protocol):
-    """What the bench knows of a solver.
+    """Interface of a solver: ``name``, ``accepts`` and ``solve``.
 
-    It may have more: ``with_events(events)`` gives the solver that looks for them, ``warm_up(problem, request)`` compiles,
-    ``count(problem, request)`` gives the Counters of an untimed run, ``evaluates(problem)`` says what its residual
-    evaluations are, "residual" or "acceleration", and of which problem.  Of one with a true ``heeds_tolerances`` two runs
-    that agree show their error, also where they took the same steps.
+    Optional: ``with_events(events)`` returns the solver with event functions; ``warm_up(problem, request)`` compiles;
+    ``count(problem, request)`` returns the Counters of an untimed run; ``evaluates(problem)`` returns what one residual
+    evaluation is ("residual" or "acceleration") and of which problem.  ``heeds_tolerances = True`` states that the solver
+    controls its error by the tolerances: two runs that agree then show the error even if they took the same steps.
     """
 
     name: str
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
-        """The reason why this solver cannot take the problem or request, or None; no physics is called."""
+        """Return the reason why this solver cannot take the problem or request, or None; calls no function of the system."""
 
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate; numerical failures end in ``Solution.status``, never in an exception."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.cells import Point, Rules
 from hhtbench.campaign.analysis.fronts import BOUNDS, SAME, level_of, targets_of
-from hhtbench.campaign.analysis.ladder import FIRST, MOST, STANDSTILL
+from hhtbench.campaign.analysis.ladder import FIRST, MAX_FACTOR, STANDSTILL
 from hhtbench.campaign.store.rows import RunRow
 from hhtbench.report.words import listed, plural, seconds, times
 
@@ -41,8 +41,8 @@ def _ladder(runs: Sequence[Point]) -> list[str]:
         return ["The settings were given and not refined: a finer setting might reach an error that no run reaches."]
     return [
         f"Every solver starts at a relative tolerance of {FIRST['rtol']:g}, or with {1 / FIRST['steps']:.0f} steps. Its "
-        f"errors so far determine the next setting, at most {MOST['rtol']:g} times finer ({MOST['steps']:g} times "
-        "more steps).",
+        f"errors so far determine the next setting, at most {MAX_FACTOR['rtol']:g} times finer "
+        f"({MAX_FACTOR['steps']:g} times more steps).",
         *(_budget(one) for one in found),
     ]
 

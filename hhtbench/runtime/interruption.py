@@ -1,6 +1,6 @@
-"""Ctrl-C, SIGTERM and SIGHUP end a command once and for all, with the exit code of shells: 128 and the number of the signal.
+"""Handle Ctrl-C, SIGTERM and SIGHUP: end a command with the shells' exit code, 128 plus the signal's number.
 
-Python's own way, an exception wherever it happens to be, is lost in a library that catches everything while it is imported.
+An exception raised wherever Python happens to be, its default, is lost in libraries that catch everything on import.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class Interrupted(KeyboardInterrupt):
-    """One of the signals came; ``code`` is the exit code."""
+    """A signal was received; ``code`` is the exit code."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -27,14 +27,14 @@ class Interrupted(KeyboardInterrupt):
 
 @contextmanager
 def ends_at_once(message: str = "") -> Iterator[None]:
-    """A signal ends the process here and now: for imports and all else that leaves nothing to clear up."""
+    """Context manager in which a signal ends the process at once: for imports and other work without clean-up."""
     with _handled(lambda number: _leave(number, message)):
         yield
 
 
 @contextmanager
 def ends_in_order(message: str = "") -> Iterator[None]:
-    """The first signal raises :class:`Interrupted`, so that what is open is closed; a second one ends the process."""
+    """Context manager in which the first signal raises :class:`Interrupted`, for clean-up, and a second ends the process."""
     came: list[int] = []
 
     def handle(number: int) -> None:
@@ -55,7 +55,7 @@ def _leave(number: int, message: str) -> None:
 
 @contextmanager
 def _handled(action: Callable[[int], None]) -> Iterator[None]:
-    """Signals go to ``action`` inside, unless they were to be ignored (nohup); other threads cannot receive them."""
+    """Context manager that passes signals to ``action``; ignored ones (nohup) stay ignored, other threads receive none."""
 
     def handle(number: int, _: FrameType | None) -> None:
         action(number)

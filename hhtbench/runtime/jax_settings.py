@@ -1,8 +1,8 @@
-"""How JAX computes in a process that imports hhtbench: with 64-bit numbers, whichever of the two is imported first.
+"""Set JAX to 64-bit numbers in every process that imports hhtbench, whichever of the two is imported first.
 
 JAX's import takes half a second of processor time, which ``import hhtbench`` and ``hhtbench list`` do not need.  Hence a
-post-import hook: it waits for whoever imports JAX, the user's own ``import jax.numpy`` included.  JAX's environment
-variable would be simpler, but the user's child processes would inherit it.
+post-import hook, which also covers a user's own ``import jax.numpy``.  JAX's environment variable would be simpler, but
+the user's child processes would inherit it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SETTINGS = {
 
 
 def settle_jax() -> None:
-    """Apply ``SETTINGS`` now where JAX is imported already, else as soon as it is."""
+    """Apply ``SETTINGS`` now if JAX is imported, else as soon as it is."""
     if "jax" in sys.modules:
         _apply(import_module("jax"))  # waits where another thread is importing it
     else:
@@ -35,7 +35,7 @@ def _apply(jax: ModuleType) -> None:
 
 
 class _Hook(MetaPathFinder):
-    """Finds JAX as the finders behind it do; what they find applies the settings when it has been executed."""
+    """Import hook that applies the settings right after JAX has been executed; finding JAX is left to the other finders."""
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         if name != "jax":

@@ -1,4 +1,4 @@
-"""The processes that hhtbench starts, its commands, workers and benchmarks: in each of them BLAS has one thread.
+"""Start commands, workers and benchmarks as processes in which BLAS has one thread.
 
 The matrices here are small.  A second thread gains nothing and waits for a core that another process has: with two threads
 on two cores, one of them busy with another process, a solve of 160 equations takes 6 to 15 ms in the mean instead of 0.3.
@@ -38,10 +38,10 @@ OPENBLAS = (
 
 
 def one_blas_thread() -> None:
-    """Give BLAS one thread, here and in the processes started from here, unless the environment names a number.
+    """Limit BLAS to one thread in this process and its children, unless an environment variable sets the number.
 
-    A command has not loaded NumPy yet, and the variables are enough.  They would come too late for pytest: a
-    library that is loaded is set as well.  A BLAS other than OpenBLAS has only the variables.
+    Environment variables are enough before NumPy is loaded, as in a command.  In pytest NumPy is loaded already, so loaded
+    libraries are set too; a BLAS other than OpenBLAS has only the variables.
     """
     if any(name in os.environ for name in THREADS):
         return
@@ -51,7 +51,7 @@ def one_blas_thread() -> None:
 
 
 def openblas(verb: str) -> Iterator[Callable[..., int]]:
-    """The functions of every loaded OpenBLAS that ``get`` or ``set`` its number of threads."""
+    """Yield the functions of every loaded OpenBLAS that ``get`` or ``set`` (``verb``) its number of threads."""
     for module in filter(None, map(sys.modules.get, LINKED)):
         library = ctypes.CDLL(module.__file__)  # finds the names of what it is linked with too
         yield from (getattr(library, name.format(verb)) for name in OPENBLAS if hasattr(library, name.format(verb)))
@@ -60,8 +60,8 @@ def openblas(verb: str) -> Iterator[Callable[..., int]]:
 class Process:
     """A fresh process that runs ``serve(descriptor, parent)`` of a module, at the other end of ``connection``.
 
-    It has nothing of the caller's main module, so that a script needs no ``if __name__ == "__main__"``.  It has a session of
-    its own, so that killing it takes its children along.
+    It does not import the caller's main module, so that a script needs no ``if __name__ == "__main__"``.  It has a session
+    of its own, so that killing it ends its children too.
     """
 
     def __init__(self, module: str) -> None:
@@ -83,19 +83,19 @@ class Process:
             )
 
     def interrupt(self) -> None:
-        """Send the process and its children the signal that ends them."""
+        """Send SIGKILL to the process and its children."""
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
 
     def kill(self) -> None:
-        """End the process and its children at once."""
+        """Kill the process and its children, wait for the end and close the connection."""
         self.interrupt()
         self._process.wait()
         self.connection.close()
         self._stderr.close()
 
     def last_words(self) -> str:
-        """How it ended: exit code or signal, and what it wrote on stderr about it."""
+        """Return how the process ended: exit code or signal, and its last output on stderr."""
         try:
             code = self._process.wait(timeout=1.0)  # the pipe closes a moment before the process ends
         except subprocess.TimeoutExpired:
@@ -108,7 +108,7 @@ class Process:
         return f"{text}; {said}" if said else text
 
     def _said(self) -> str:
-        """From faulthandler's report the error and the innermost lines, else the last line."""
+        """Return faulthandler's error with its innermost lines from stderr, else the last line of stderr."""
         size = self._stderr.seek(0, os.SEEK_END)
         self._stderr.seek(max(0, size - 4000))
         lines = [line.strip() for line in self._stderr.read().decode(errors="replace").splitlines() if line.strip()]
@@ -120,7 +120,7 @@ class Process:
 
 
 def opened(descriptor: int, parent: int) -> Connection:
-    """In a new process: its end of the pipe.  The process ends with ``parent``, and a crash names its line on stderr."""
+    """Open a new process's end of the pipe; from then on it ends with ``parent``, and a crash prints its line on stderr."""
     if sys.platform == "linux":  # even while hanging in C; elsewhere the closed pipe has to do
         ctypes.CDLL(None).prctl(SET_DEATH_SIGNAL, signal.SIGKILL)
     if os.getppid() != parent:
@@ -132,7 +132,7 @@ def opened(descriptor: int, parent: int) -> Connection:
 
 
 def serve(descriptor: int, parent: int) -> None:
-    """In a worker of :func:`worker_processes`: answer calls until the pipe closes."""
+    """Main loop of a worker of :func:`worker_processes`: answer calls until the pipe closes."""
     connection = opened(descriptor, parent)
     while True:
         try:
@@ -156,14 +156,15 @@ def _answer(call: bytes) -> bytes:
 
 
 class Worker:
-    """One process at a time that calls functions; where it dies or is killed, another one takes its place."""
+    """One process at a time that calls functions; a process that dies or is killed is replaced at the next call."""
 
     def __init__(self) -> None:
         self._stopped = False
         self._process: Process | None = None
 
     def call(self, function: Callable[..., Any], *arguments: Any, seconds: float | None = None) -> Any:
-        """What ``function(*arguments)`` returns or raises in the process; its module is imported there by name.
+        """Call ``function(*arguments)`` in the process and return or raise its result; its module is imported there by
+        name.
 
         Raises
         ------
@@ -196,7 +197,7 @@ class Worker:
         return found
 
     def stop(self) -> None:
-        """Kill the process, from another thread; no other one takes its place."""
+        """Kill the process, from another thread; it is not replaced."""
         self._stopped, process = True, self._process
         if process is not None:
             process.interrupt()
@@ -209,10 +210,10 @@ class Worker:
 
 
 class Inline(Executor):
-    """An executor that calls at once and here."""
+    """Executor that calls functions immediately in this thread."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
-        """A finished future of ``fn(*args)``."""
+        """Call ``fn(*args)`` now and return a finished future."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args))
@@ -222,7 +223,7 @@ class Inline(Executor):
 
 
 class Workers(Executor):
-    """An executor whose threads have a :class:`Worker` each; one that dies costs its own call only."""
+    """Executor whose threads have a :class:`Worker` each; a process that dies fails only its own call."""
 
     def __init__(self, jobs: int, fresh: bool) -> None:
         self.workers = [Worker() for _ in range(jobs)]
@@ -233,11 +234,11 @@ class Workers(Executor):
             self._idle.put(worker)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **_: Any) -> Future[Any]:
-        """The future of ``fn(*args)``, called in a worker."""
+        """Call ``fn(*args)`` in a worker process and return the future."""
         return self.lend(lambda worker: worker.call(fn, *args))
 
     def lend(self, use: Callable[[Worker], Any]) -> Future[Any]:
-        """The future of ``use(worker)``, called in a thread here."""
+        """Call ``use(worker)`` in a thread of this process and return the future."""
         return self.threads.submit(self._lent, use)
 
     def _lent(self, use: Callable[[Worker], Any]) -> Any:
@@ -252,9 +253,10 @@ class Workers(Executor):
 
 @contextmanager
 def worker_processes(jobs: int, *, fresh: bool = False) -> Iterator[Workers]:
-    """A pool of ``jobs`` processes, with ``fresh`` a new one for each call: JAX's threads do not survive a fork.
+    """Context manager with a pool of ``jobs`` spawned processes, with ``fresh`` a new one per call (JAX does not survive a
+    fork).
 
-    An exception inside, as an interruption, kills them: what they do and what waits for them is not waited for.
+    An exception inside, such as an interruption, kills the processes and cancels waiting calls.
     """
     pool = Workers(jobs, fresh)
     try:

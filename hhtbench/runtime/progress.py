@@ -1,6 +1,4 @@
-"""What a command that takes long says while it does, on stderr: a bar with the remaining time for a person at a terminal,
-plain lines in a file or a pipe.
-"""
+"""Progress of long commands on stderr: a bar with the remaining time on a terminal, plain lines in a file or a pipe."""
 
 from __future__ import annotations
 
@@ -21,7 +19,7 @@ NO_CURSOR = ("dumb", "unknown")  # kinds of terminals on which no line can be dr
 
 
 class Lines:
-    """For a file or a pipe: how far it is every ``EVERY`` seconds, and at the end of each part."""
+    """Progress as lines for a file or a pipe, every ``EVERY`` seconds and at the end of each part."""
 
     def __init__(self) -> None:
         self._part = ""
@@ -36,7 +34,7 @@ class Lines:
         self._flush()
 
     def advance(self, part: str, done: int, total: int) -> None:
-        """``done`` of ``total`` of ``part`` are there; ``total`` may grow."""
+        """Report that ``done`` of ``total`` items of ``part`` are finished; ``total`` may grow."""
         now = time.monotonic()
         if part != self._part:
             self._flush()
@@ -48,11 +46,11 @@ class Lines:
             self._flush()
 
     def say(self, text: str) -> None:
-        """A line on stderr."""
+        """Print a message on stderr."""
         click.echo(text, err=True)
 
     def show(self, text: str) -> None:
-        """A line of the result, on stdout."""
+        """Print a line of the result on stdout."""
         click.echo(text)
 
     def _flush(self) -> None:
@@ -62,7 +60,7 @@ class Lines:
 
 
 class Bar:
-    """For a terminal: a bar of the part under way, drawn by rich below what is said, gone at the end."""
+    """Progress as a bar of the current part on a terminal, drawn by rich below the messages and removed at the end."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -90,7 +88,7 @@ class Bar:
         self._bars.stop()
 
     def advance(self, part: str, done: int, total: int) -> None:
-        """``done`` of ``total`` of ``part`` are there; ``total`` may grow."""
+        """Report that ``done`` of ``total`` items of ``part`` are finished; ``total`` may grow."""
         with self._lock:
             if self._task is None or part != self._part:
                 if self._task is not None:
@@ -99,15 +97,15 @@ class Bar:
             self._bars.update(self._task, total=total, completed=done)
 
     def say(self, text: str) -> None:
-        """A line on stderr, above the bar."""
+        """Print a message on stderr, above the bar."""
         self._above(text, err=True)
 
     def show(self, text: str) -> None:
-        """A line of the result, on stdout."""
+        """Print a line of the result on stdout, above the bar."""
         self._above(text, err=False)
 
     def _above(self, text: str, err: bool) -> None:
-        """Not through rich: it would break long lines at the terminal's width."""
+        """Print a line above the bar, not through rich, which would wrap it at the terminal's width."""
         with self._lock:
             self._bars.stop()
             click.echo(text, err=err)
@@ -119,6 +117,6 @@ class Bar:
 
 
 def progress() -> Lines | Bar:
-    """What suits stderr; a context manager."""
+    """Return a context manager that shows progress on stderr: a bar on a terminal, else lines."""
     terminal = sys.stderr is not None and sys.stderr.isatty() and os.environ.get("TERM") not in NO_CURSOR
     return Bar() if terminal else Lines()

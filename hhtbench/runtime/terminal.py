@@ -1,4 +1,4 @@
-"""Tells a person at the terminal what takes long, while it does."""
+"""Announce on the terminal work that takes long, while it runs."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import time
 from contextlib import suppress
 from threading import Event, Thread
 
-PATIENCE = 2.0  # [s] that pass before anything is said
+PATIENCE = 2.0  # [s] before a line is printed
 LOOK = 0.25  # [s] between two checks of what is under way
 
 
 class announced_when_slow:
-    """``with announced_when_slow("compiling force")``: a line on a terminal once it has taken ``PATIENCE``.
+    """Context manager that prints "compiling force ..." on a terminal once its body has run for ``PATIENCE`` seconds.
 
-    One thread looks while anything is under way, and sleeps otherwise: that costs 3 us a time, a timer of its own 0.7 ms.
+    One thread polls while any body runs and sleeps otherwise: 3 us per use, where a timer of its own takes 0.7 ms.
     """
 
     def __init__(self, what: str) -> None:
@@ -37,7 +37,7 @@ class announced_when_slow:
             _under_way.remove(self)
 
     def look(self) -> None:
-        """Say it if it is time to, and only once."""
+        """Print the line if its time has come; only once."""
         if time.monotonic() >= self._due:
             self._due = float("inf")
             with suppress(OSError, ValueError):  # the terminal is gone or closed

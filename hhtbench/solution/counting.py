@@ -1,4 +1,4 @@
-"""Counts the work of one solve and stops it at its budgets."""
+"""Count the evaluations of one solve and stop it at its budgets of evaluations and seconds."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hhtbench.protocol.system import SIGNATURES
 from hhtbench.runtime.terminal import announced_when_slow
 from hhtbench.solution.result import Counters
 
-OF_OUTPUT = ("residual_evaluations", "jacobian_evaluations")  # what output rows cost
-NOTHING = vars(Counters())  # counted
+OF_OUTPUT = ("residual_evaluations", "jacobian_evaluations")  # counters that output rows add to
+NOTHING = vars(Counters())  # all counters zero
 INSTEAD = {  # callback -> derivatives that save its differences, the first that is not declared
     "force": ("force_jacobians",),
     "constraint": ("constraint_jacobian", "constraint_time_derivative", "constraint_acceleration"),
@@ -23,30 +23,30 @@ INSTEAD = {  # callback -> derivatives that save its differences, the first that
     "velocity_constraint": ("velocity_constraint_jacobian",),
     "reaction": ("reaction_jacobians",),
 }
-MOST = 0.5  # of a solve's calls of plain callables: a message names differences that take more
-LATE, LATE_SECONDS = 0.1, 0.1  # beyond a time budget, of it and [s]: for the multipliers of rows that were reached
+MAX_DIFFERENCE_SHARE = 0.5  # of a solve's callback calls; if differences take more, a message names the derivative
+LATE, LATE_SECONDS = 0.1, 0.1  # overrun of a time budget (share of it, and [s]) for the multipliers of rows reached
 
 
 @dataclass
 class Clock:
-    """The time budget of one solve, which runs from the caller's call on, and what of it went into preparing functions."""
+    """Wall-clock budget of one solve, from the user's call on, with the time of imports, tracing and compilation."""
 
     limit: float | None = None  #: [s]
     started: float = field(default_factory=time.perf_counter)
     prepared: dict[str, float] = field(default_factory=dict)  #: what was traced or compiled -> [s]
     in_use: bool = False  #: a solver has taken it
     late: float = 0.0  #: beyond the limit [s]
-    kept_back: float = 0.0  #: of the limit, for handing over what was computed [s]
-    passed_in: str = ""  #: what was being prepared when the time ended
-    work: Work | None = None  #: what counts the callbacks of plain callables while the solve runs
-    kept: dict[Any, Any] = field(default_factory=dict)  #: derivatives by differences at the last places
-    callback: str = ""  #: the last callback of plain callables
+    kept_back: float = 0.0  #: part of the limit reserved for returning what was computed [s]
+    passed_in: str = ""  #: note on the preparation during which the time ended
+    work: Work | None = None  #: counts the callbacks of a NumPy system while the solve runs
+    kept: dict[Any, Any] = field(default_factory=dict)  #: difference derivatives at the latest (t, q, v)
+    callback: str = ""  #: the callback of a NumPy system called last
     in_difference: bool = False  #: whether callbacks are called for differences
-    calls: int = 0  #: of plain callables
-    differences: dict[str, int] = field(default_factory=dict)  #: the derivative to declare instead -> calls of them
+    calls: int = 0  #: of a NumPy system's callbacks
+    differences: dict[str, int] = field(default_factory=dict)  #: derivative to declare -> calls for its differences
 
     def left(self) -> float:
-        """Seconds until the limit."""
+        """Return the seconds until the limit; infinity without a limit."""
         if self.limit is None:
             return float("inf")
         return self.limit + self.late - self.kept_back - (time.perf_counter() - self.started)
@@ -57,24 +57,24 @@ class Clock:
             raise BudgetSpent("seconds", self.limit, self._note())
 
     def note_preparation(self, what: str, seconds: float) -> None:
-        """``what`` has just been prepared in so many seconds."""
+        """Record that ``what`` (a trace, compilation or import) took ``seconds``."""
         self.prepared[what] = self.prepared.get(what, 0.0) + seconds
         if -seconds < self.left() < 0.0:
             self.passed_in = f", while {what}, {seconds:.2g} s that cannot be interrupted"
 
     def note_of_differences(self) -> str:
-        """Which derivative to declare, if differences took most of the calls; else empty.
+        """Return a hint which derivative to declare if finite differences took most of the calls; empty string otherwise.
 
-        Calls are counted, and not their time, so that the same solve has the same message.
+        Calls are counted, not their time, so that the same solve always has the same message.
         """
         taken, name = sum(self.differences.values()), max(self.differences, key=self.differences.__getitem__, default="")
-        if not taken > MOST * self.calls or not name:
+        if not taken > MAX_DIFFERENCE_SHARE * self.calls or not name:
             return ""
         call = f"{name}({', '.join(SIGNATURES[name].arguments)})"
         return f"Differences took {100 * taken / self.calls:.0f} % of the calls of its functions: declare {call}."
 
     def _note(self) -> str:
-        """Where the time went, if much of it went into preparing functions."""
+        """Return a note on the time spent on preparations if it is 10 % of the budget or more; empty string otherwise."""
         total = sum(self.prepared.values())
         if not self.passed_in and total < 0.1 * (self.limit or 0.0):
             return ""
@@ -85,17 +85,17 @@ _clock: ContextVar[Clock | None] = ContextVar("clock", default=None)
 
 
 def check_time() -> None:
-    """Raise :class:`BudgetSpent` where the solve that runs here, if one does, has used up its time."""
+    """Raise :class:`BudgetSpent` if the running solve, if there is one, has used up its time."""
     clock = _clock.get()
     if clock is not None:
         clock.check()
 
 
 def note_callback(name: str) -> None:
-    """Count a callback of a NumPy system for the solve that runs here, which may be out of time.
+    """Count one call of a NumPy system's callback for the running solve; raise :class:`BudgetSpent` if a budget is used up.
 
-    Counted are those of the force, and all that differences take.  The system's dynamics serve many solves, and so know of
-    none.
+    Calls of ``force`` and all calls for finite differences count as residual evaluations.  The running solve is found by a
+    context variable, since the dynamics of one system serve many solves.
     """
     clock = _clock.get()
     if clock is None:
@@ -109,15 +109,16 @@ def note_callback(name: str) -> None:
 
 
 def kept_of_solve() -> dict[Any, Any]:
-    """What the solve that runs here keeps of the last places; an empty dictionary outside of a solve."""
+    """Return the running solve's cache of difference derivatives; an empty dictionary outside a solve."""
     clock = _clock.get()
     return {} if clock is None else clock.kept
 
 
 class differencing:
-    """``with differencing(gives):`` around the callbacks of one derivative by differences; ``gives``: what is declared.
+    """Context manager around the callbacks that one derivative by finite differences needs.
 
-    Their calls count as those of the derivative whose declaration would save them.
+    Their calls are booked under the derivative whose declaration would save them.  ``gives(name)`` is True if the system
+    declares the derivative ``name``.
     """
 
     def __init__(self, gives: Callable[[str], bool]) -> None:
@@ -140,7 +141,7 @@ class differencing:
 
 
 class uncounted:
-    """``with uncounted():`` around callbacks that belong to no point of the motion, as those that find out sizes."""
+    """Context manager around callbacks that are not counted as work of the solve, such as those that determine sizes."""
 
     def __enter__(self) -> None:
         self._clock = clock = _clock.get()
@@ -153,13 +154,13 @@ class uncounted:
 
 
 class timed:
-    """``with timed(limit) as clock``: the clock of one solve; a solver takes the one that its caller hands over.
+    """Context manager that returns the clock of one solve: the one that the caller handed over, or a new one.
 
     A class, since a generator would write to the traceback of an exception whose class is frozen.
     """
 
     def __init__(self, limit: float | None, began: float | None = None) -> None:
-        """``began``: when the call did, where that is not now."""
+        """Set the ``limit`` [s] or None, and when the call ``began`` by ``time.perf_counter`` (None: now)."""
         self._limit, self._began = limit, began
         self._token: Token[Clock | None] | None = None
 
@@ -179,7 +180,7 @@ class timed:
 
 
 class handed_over:
-    """``with handed_over(clock)``: the clock for the solver that is called inside."""
+    """Context manager that hands ``clock`` over to the solver called inside."""
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
@@ -192,10 +193,10 @@ class handed_over:
 
 
 class preparing:
-    """``with preparing("tracing force")``: around what cannot be interrupted; the clock in use notes its time.
+    """Context manager around work that cannot be interrupted, ``preparing("tracing force")``; the clock records its time.
 
-    It is printed at a terminal if it takes long.  Entering raises :class:`BudgetSpent` where the budget of
-    the solve that needs it is used up.
+    A line is printed on a terminal if it takes long.  Entering raises :class:`BudgetSpent` if the running solve has used up
+    its time.
     """
 
     def __init__(self, what: str) -> None:
@@ -216,7 +217,7 @@ class preparing:
 
 @dataclass
 class Work:
-    """Tally of one solve.  The one mutable object of a solve; a solver reads it through :meth:`counters`."""
+    """Tally of the evaluations of one solve, the only mutable object of a solve; read it by :meth:`counters`."""
 
     max_evaluations: int | None = None
     clock: Clock = field(default_factory=Clock)
@@ -228,7 +229,7 @@ class Work:
         self.tally[name] += amount
 
     def counted(self, function: Callable[..., Any], *, residuals: int = 0, jacobians: int = 0) -> Callable[..., Any]:
-        """``function`` with its points counted: ``residuals`` evaluations of F and ``jacobians`` per call."""
+        """Wrap ``function`` so that each call counts ``residuals`` evaluations of F and ``jacobians`` Jacobians."""
 
         def call(*arguments: Any) -> Any:
             for _ in range(residuals):
@@ -243,23 +244,23 @@ class Work:
         self.clock.check()
 
     def only_output_is_left(self) -> None:
-        """What was computed is handed over: evaluations are counted without a limit, and a little more time is given."""
+        """Lift the evaluation budget and extend the time budget a little, to return what was already computed."""
         self.max_evaluations, self.clock.kept_back = None, 0.0
         self.clock.late = LATE * (self.clock.limit or 0.0) + LATE_SECONDS
 
     def for_output(self) -> ForOutput:
-        """``with work.for_output():`` what is evaluated inside is for output rows, not for the steps; budgets count it."""
+        """Return a context manager in which evaluations count as ``output_evaluations``; budgets still count them."""
         return ForOutput(self)
 
     def counted_for_steps(self) -> dict[str, Any]:
-        """The tally without what output rows have cost, which is ``output_evaluations``."""
+        """Return the tally without the cost of output rows, and that cost as ``output_evaluations``."""
         spent, output = self.tally.copy(), self.output
         for name, count in output.items():
             spent[name] -= count
         return spent | {"output_evaluations": output["residual_evaluations"]}
 
     def counters(self) -> Counters:
-        """The tally, frozen."""
+        """Return the tally as frozen :class:`~hhtbench.Counters`."""
         return Counters.of(NOTHING | self.counted_for_steps())
 
     def spend_residual(self) -> None:
@@ -271,7 +272,7 @@ class Work:
 
 
 class ForOutput:
-    """Between its two ends everything that ``work`` counts is work for output rows."""
+    """Context manager of :meth:`Work.for_output`: books what ``work`` counts inside as cost of output rows."""
 
     def __init__(self, work: Work) -> None:
         self._work, self._before = work, [work.tally.get(name, 0) for name in OF_OUTPUT]

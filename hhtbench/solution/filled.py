@@ -1,4 +1,4 @@
-"""Frozen dataclasses that our own code fills at once, and in part only when they are read."""
+"""Base of frozen dataclasses whose fields are set without ``__init__`` and may be computed when first read."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ from typing import TYPE_CHECKING, Any, Self
 
 
 class Filled:
-    """A base of frozen dataclasses made of checked values, most of which are never read."""
+    """Base of frozen dataclasses made from checked values; fields may be computed when first read."""
 
     __slots__ = ("_read",)  # beside the fields in ``vars``
 
     @classmethod
     def of(cls, known: dict[str, Any]) -> Self:
-        """With ``known`` fields, in a tenth of the time of a call; ``known["_read"](name)``, if any, gives the others."""
+        """Make an object from ``known`` fields without ``__init__``; ``known["_read"](name)``, if any, computes others when
+        read.
+        """
         made = cls.__new__(cls)
         object.__setattr__(made, "_read", known.pop("_read", None))
         made.__dict__.update(known)
         return made
 
     def but(self, **changed: Any) -> Self:
-        """The same with other fields; fields that were not read stay unread."""
+        """Return a copy with ``changed`` fields; fields that were never read stay uncomputed."""
         return self.of({"_read": getattr(self, "_read", None), **self.__dict__, **changed})
 
     if not TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""One solution over time, drawn with Matplotlib."""
+"""Plots of one solution over time with Matplotlib."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 MOST_LINES = 24  # of one panel; the rest is not drawn, and the panel says so
-MOST_NAMED = 8  # lines that a legend names
+MOST_NAMED = 8  # lines of a panel with a legend
 WIDTH, HEIGHT = 8.0, 2.0  # of one panel [in]
 UNITS = {"q": "q [m, rad]", "v": "v [m/s, rad/s]", "lam": "multipliers lam", "mu": "multipliers mu"}
 
@@ -15,7 +15,7 @@ Lines = dict[str, tuple[Any, Any]]  # name -> t (k,) and values (k,)
 
 
 def plot_solution(solution: Any, drift: Any = None) -> Any:
-    """A figure with a panel for each of q, v, lam, mu, and on logarithmic axes estimated error and ``drift``."""
+    """Return a figure with one panel each for q, v, lam and mu, and logarithmic panels for estimated error and ``drift``."""
     import matplotlib.pyplot as plt
 
     if not np.size(solution.t):
@@ -43,7 +43,7 @@ def _columns(solution: Any, name: str) -> Lines:
 
 
 def _drifts(drift: Any) -> Lines:
-    """Curves of a :class:`hhtbench.checks.drift.Drift`, those that there are."""
+    """Return the curves of a :class:`hhtbench.checks.drift.Drift` by name, without those that are None."""
     curves = {"position": drift.position, "velocity": drift.velocity, "energy": drift.energy, **drift.invariants}
     return {name: (drift.t, values) for name, values in curves.items() if values is not None}
 

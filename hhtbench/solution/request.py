@@ -18,19 +18,19 @@ from hhtbench.solution.result import Solution
 
 MOST_STEPS = 2**53  # prescribed: floats count so far
 RTOL_FLOOR = 10 * float(np.finfo(np.float64).eps)  # below it roundoff, not the method, decides the error
-ADDS_UP = 1e-9  # of the interval: what lengths of steps that were given may be off its length
-RTOL = 1e-4  # where a request has neither tolerances nor steps: plain engineering accuracy
+ADDS_UP = 1e-9  # largest relative difference between the sum of given step lengths and the interval's length
+RTOL = 1e-4  # default of a request with neither tolerances nor steps: engineering accuracy
 RTOL_CEILING = 0.1  # above it a solution has no correct digit
 
 
 @dataclass(frozen=True, kw_only=True)
 class Request(Filled):
-    """Tolerances (``rtol, atol``) or steps (``step`` or ``steps``), output times and budgets.
+    """Tolerances (``rtol, atol``) or steps (``step`` or ``steps``), output times and budgets of a solve.
 
-    ``step=h`` takes ``N = ceil(span / h)`` equal steps of ``span / N``; ``steps=N`` takes N equal steps;
-    ``steps=array`` takes the given lengths, which must add up to the span; ``steps=solution`` takes those of an earlier
-    :class:`~hhtbench.Solution`, so that results are smooth in the parameters.  These and the tolerances exclude
-    one another.  Budgets count over the whole span.
+    ``step=h`` takes ``N = ceil(span / h)`` equal steps of ``span / N``; ``steps=N`` takes N equal steps; ``steps=array``
+    takes the given lengths, which must add up to the span; ``steps=solution`` takes those of an earlier
+    :class:`~hhtbench.Solution`, so that results are smooth in the parameters.  ``step``, ``steps`` and the tolerances
+    exclude one another.  Budgets count over the whole span.
     """
 
     rtol: Any = None  #: relative tolerance: a number, or one per component for solvers that take it so
@@ -38,9 +38,9 @@ class Request(Filled):
     step: float | None = None  #: constant step [s], positive; its sign follows from the interval
     steps: Any = None  #: number of equal steps, or their lengths [s]; of a Solution its lengths are stored
     t_eval: Vector | None = None  #: output times [s], sorted along the interval; None: every step
-    dense_output: bool = False  #: of libraries, whose ``solution(t)`` costs work at every step; HHT's is always there
+    dense_output: bool = False  #: prepare ``solution(t)`` of library solvers, at a cost per step; HHT always has it
     keep_steps: bool = (
-        False  #: ends of all steps beside rows at t_eval, in ``ends``; of HHT in ``interpolant``, however many
+        False  #: store the ends of all steps in ``ends`` beside rows at t_eval; HHT stores them in ``interpolant``
     )
     calc_initcond: bool = False  #: project an inconsistent q0, v0 onto both constraint levels instead of refusing it
     max_num_steps: int | None = None  #: most accepted steps; None: no limit beyond the request's own steps
@@ -76,7 +76,7 @@ def make_request(also: tuple[str, ...] = (), /, **keywords: Any) -> Request:
 
 
 def with_tolerance(request: Request) -> tuple[Request, str]:
-    """``request``, with ``rtol = 1e-4`` where it has neither tolerances nor steps, and what a message is to say of that."""
+    """Return ``request`` and ""; if it has neither tolerances nor steps, set ``rtol = 1e-4`` and return a note on that."""
     if request.fixed or request.rtol is not None or request.atol is not None:
         return request, ""
     return request.but(rtol=RTOL), f"No tolerance was given: rtol = {RTOL:g} was taken."
@@ -84,7 +84,7 @@ def with_tolerance(request: Request) -> tuple[Request, str]:
 
 @dataclass(frozen=True, kw_only=True)
 class StepPlan:
-    """Prescribed steps over one interval, without an array of times for equal steps."""
+    """Prescribed steps over one interval; equal steps need no array of times."""
 
     t0: float
     t1: float
@@ -93,7 +93,7 @@ class StepPlan:
     ends: Vector | None  #: (count,) end times, or None for equal steps
 
     def length(self, index: int) -> float:
-        """Signed length [s] of step ``index``: nominal, not the difference of two rounded times."""
+        """Signed length [s] of step ``index``, as prescribed and not as the difference of two rounded times."""
         return float(self.lengths[index]) if self.lengths is not None else (self.t1 - self.t0) / self.count
 
     def end(self, index: int) -> float:
@@ -105,7 +105,7 @@ class StepPlan:
         return self.t0 + (self.t1 - self.t0) * ((index + 1) / self.count)
 
     def ahead(self, first: int, count: int) -> tuple[Vector, Vector]:
-        """:meth:`length` and :meth:`end` of up to ``count`` steps from ``first``, (k,) each."""
+        """Lengths and end times (k,) of up to ``count`` steps from step ``first``, as :meth:`length` and :meth:`end`."""
         last = min(first + count, self.count)
         if self.lengths is not None and self.ends is not None:
             lengths, ends = self.lengths[first:last].copy(), self.ends[first:last].copy()
@@ -119,7 +119,7 @@ class StepPlan:
 
 
 def plan_steps(request: Request, t0: float, t1: float) -> StepPlan:
-    """The prescribed steps of ``request`` over [t0, t1]; ``t1 < t0`` runs backward."""
+    """Return the prescribed steps of ``request`` over [t0, t1]; ``t1 < t0`` runs backward."""
     check_interval("the interval", t0, t1)
     span = t1 - t0
     if request.step is not None:
@@ -156,7 +156,7 @@ def check_output_times(t_eval: Vector, t0: float, t1: float) -> None:
 
 
 def _tolerance(name: str, value: Any) -> Any:
-    if type(value) is float and 0.0 <= value < math.inf:  # of most requests, and in a tenth of the time
+    if type(value) is float and 0.0 <= value < math.inf:  # most requests; ten times faster
         return value
     array = real_array(name, value)
     if array.ndim > 1:
@@ -183,7 +183,7 @@ def _rtol(name: str, value: Any) -> Any:
 
 
 def has_zero(tolerance: Any) -> bool:
-    """Whether a number or one of an array is zero."""
+    """True if a tolerance, a number or an array (n,), has a zero entry."""
     return tolerance == 0.0 if type(tolerance) is float else not tolerance.all()
 
 
@@ -209,7 +209,7 @@ def _steps(name: str, value: Any) -> int | Vector:
 
 
 def _lengths_of(earlier: Solution) -> Vector:
-    """Lengths of the accepted steps; one that an event has cut is whole again, so that the event may move."""
+    """Return the step lengths (k,) [s] of an earlier solution; a step cut at an event is joined again, so it may move."""
     if not earlier.success:
         raise ProblemError(
             f"steps must be those of a solution that has succeeded; this one ended with {earlier.status.label}."
@@ -237,7 +237,7 @@ def _switch(name: str, value: Any) -> bool:
 
 KNOWN = tuple(f.name for f in fields(Request))
 NAMES = set(KNOWN)
-CHECKS: dict[str, tuple[Any, Callable[[str, Any], Any]]] = {  # of what is not the default
+CHECKS: dict[str, tuple[Any, Callable[[str, Any], Any]]] = {  # field -> default and the check of any other value
     "rtol": (None, _rtol),
     "atol": (None, _tolerance),
     "step": (None, _seconds),

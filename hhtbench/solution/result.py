@@ -69,7 +69,7 @@ class Status(enum.Enum):
 
     @property
     def label(self) -> str:
-        """Its name, as tables and files have it."""
+        """Name of the status in tables and files."""
         return self.name
 
 
@@ -77,11 +77,11 @@ class Status(enum.Enum):
 class Counters(Filled):
     """Work done; None means not reported, never zero instead.
 
-    One residual evaluation is one point (t, q, v) where F is evaluated, or another function for differences.  Those that
-    output rows cost, for their multipliers, to reach them inside a step or to put them onto the constraints (one each; none
-    where the functions are in Python), are ``output_evaluations`` and in no other counter, so that work does not depend on
-    how much output is asked for.  A budget of evaluations ends with the steps.
-    ``provenance`` says for every counter: counted (by our wrapper), library, or not reported.
+    One residual evaluation is one point (t, q, v) at which F, or another function for a finite difference, is evaluated.
+    ``output_evaluations`` are those for output rows: their multipliers, rows inside a step, projection onto the constraints
+    (one each; none where the functions are in Python).  No other counter contains them, so that work does not depend on the
+    number of output rows.  Budgets of evaluations do not end the computation of output.
+    ``provenance`` states the origin of the counters: counted (by our wrapper), library, or not reported.
     """
 
     steps_accepted: int | None = 0
@@ -133,7 +133,7 @@ class DenseOutput(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorEstimate:
-    """What finer and finer runs of a solver tell of the error of the finest, scaled by the problem's scales.
+    """Estimated error of the finest of several runs of a solver at finer settings, scaled by the problem's scales.
 
     NaN, and ``bound`` None, where it is not known.
     """
@@ -155,11 +155,11 @@ class ErrorEstimate:
 class Solution(Filled):
     """A trajectory, time first; ``lam`` and ``mu`` are recovered from the acceleration level.
 
-    Of a solver that says nothing about its work no counter is reported.
+    A solver that reports no work leaves every counter None.
 
-    ``carried`` is None where a solver has no multipliers of its own, as on the underlying ODE, and for HHT with output
-    between its steps: its stage values belong to their ends.  ``steps_data`` and ``interpolant`` are None where the steps
-    were too many to keep them all for nothing but rows at ``t_eval``.
+    ``carried`` is None if the solver has no multipliers of its own (on the underlying ODE) and for HHT with output between
+    its steps, since its stage values belong to the ends of steps.  ``steps_data`` and ``interpolant`` are None if only rows
+    at ``t_eval`` were asked for and the steps were too many to store.
     """
 
     t: Vector  #: (n_t,) [s]
@@ -168,7 +168,7 @@ class Solution(Filled):
     lam: Matrix  #: (n_t, m) multipliers of the position constraints
     mu: Matrix  #: (n_t, p) multipliers of the velocity constraints
     status: Status
-    message: str  #: what happened, where, and what to do
+    message: str  #: outcome, place and advice
     counters: Counters = field(default_factory=lambda: NOT_REPORTED)
     steps_data: StepsData | None = field(default_factory=lambda: None)  #: HHT only, made when it is read
     carried: Mapping[str, Matrix] | None = None  #: multipliers the solver itself holds: "lam" (n_t, m), "mu" (n_t, p)
@@ -178,14 +178,14 @@ class Solution(Filled):
     v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
     #: dense output over the accepted steps
     interpolant: Callable[[Any], DenseOutput] | None = field(default_factory=lambda: None)
-    #: what puts it onto the constraints; not pickled
+    #: projects dense output onto the constraints; not pickled
     projection: Callable[[Any, DenseOutput], DenseOutput] | None = field(default_factory=lambda: None)
-    drift_of: Callable[[Solution], Any] | None = None  #: what :meth:`drift` calls, set by ``hb.solve``; not pickled
-    diagnosis_of: Callable[[], str] | None = None  #: what :meth:`diagnose` calls, set by the solver; not pickled
-    judge_of: Callable[..., Any] | None = None  #: what :meth:`verify` calls, likewise
-    file: str = ""  #: that :meth:`load` read, or ""
+    drift_of: Callable[[Solution], Any] | None = None  #: called by :meth:`drift`, set by ``hb.solve``; not pickled
+    diagnosis_of: Callable[[], str] | None = None  #: called by :meth:`diagnose`, set by the solver; not pickled
+    judge_of: Callable[..., Any] | None = None  #: called by :meth:`verify`, set by ``hb.solve``; not pickled
+    file: str = ""  #: the file that :meth:`load` read, or ""
     error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
-    extrapolated: DenseOutput | None = None  #: its better answer at ``t``, where three runs confirm it
+    extrapolated: DenseOutput | None = None  #: Richardson extrapolation at ``t``, if three runs confirm it
 
     @property
     def success(self) -> bool:
@@ -194,14 +194,14 @@ class Solution(Filled):
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
-        """(n_t,) rows with a multiplier that is nan: they do not exist there, or are not known."""
+        """(n_t,) True at rows with a NaN multiplier, one that does not exist or is not known."""
         return np.asarray(np.isnan(self.lam).any(axis=1) | np.isnan(self.mu).any(axis=1))
 
     def __call__(self, t: Any, *, project: bool = False) -> DenseOutput:
-        """Dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays.
+        """Evaluate the dense output at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays.
 
-        ``project``: on both levels of the constraints, which an interpolant leaves by its error; where no state near it
-        meets them it stays as it is, with a warning.
+        ``project=True`` projects q and v onto the constraints on both levels, which the interpolant meets only up to its
+        error; a state that cannot be projected is returned as it is, with a warning.
         """
         if self.interpolant is None and self.file:
             raise ValueError(f"{self.file} holds no dense output: save one with rows at the times wanted (t_eval=...).")
@@ -218,9 +218,9 @@ class Solution(Filled):
         return self.projection(t, found)
 
     def drift(self) -> Any:
-        """How far the solution leaves constraints, energy and invariants: a :class:`hhtbench.checks.drift.Drift`.
+        """Measure the drift off constraints, energy and invariants: a :class:`hhtbench.checks.drift.Drift`.
 
-        Over the internal steps where they are known, else over the rows; None without rows.
+        Taken over the internal steps where they are known, else over the rows; None without rows.
         """
         if self.drift_of is None:
             raise ValueError(
@@ -230,21 +230,21 @@ class Solution(Filled):
         return self.drift_of(self)
 
     def diagnose(self) -> str:
-        """The cause of a failed run, looked for now; empty string where none is found, or after a success.
+        """Search for the cause of a failed run and return it as text; empty string if none is found or after a success.
 
-        So it is of a solution by another solver, and of one that came without its system's functions, as from a pickle.
-        HHT looks for functions that are not deterministic and for vibrations that the last step cannot resolve.
+        Only HHT's solutions can be diagnosed, and only with the system's functions (not after unpickling); others give "".
+        The search covers functions that are not deterministic and vibrations that the last step cannot resolve.
         """
         if self.success or self.diagnosis_of is None:
             return ""
         return self.diagnosis_of()
 
     def verify(self, *, draw: int = 0) -> Any:
-        """Hold everything against the solution that campaigns do: a :class:`hhtbench.checks.result.judge.Judgement`.
+        """Check the solution as campaigns do; returns a :class:`hhtbench.checks.result.judge.Judgement`.
 
-        Short windows are integrated again by a method of the bench's own, which shares no code with any solver; it takes
-        milliseconds to seconds.  ``doubt`` of what is returned says what speaks against the solution, or is empty; ``draw``
-        chooses the rows at which some windows begin.
+        Short windows are integrated again by an independent method that shares no code with any solver; this takes
+        milliseconds to seconds.  ``doubt`` of the result states the objection, or is empty; ``draw`` selects the rows at
+        which some windows begin.
         """
         if not self.success:
             raise ValueError(f"only a success is verified, and this run ended as {self.status.label}: {self.message}")
@@ -256,9 +256,9 @@ class Solution(Filled):
         return self.judge_of(self, draw=draw)
 
     def plot(self) -> Any:
-        """A Matplotlib figure over time: coordinates, velocities, multipliers, estimated error, drift and energy.
+        """Return a Matplotlib figure over time: coordinates, velocities, multipliers, estimated error, drift and energy.
 
-        Drift where the problem's functions are at hand: after ``hb.solve``, not after :meth:`load` or from a pickle.
+        Drift is drawn after ``hb.solve``, not after :meth:`load` or unpickling: it needs the problem's functions.
         """
         from hhtbench.solution.plotting import plot_solution
 
@@ -274,16 +274,17 @@ class Solution(Filled):
         return DataFrame({"t": self.t, **columns})
 
     def save(self, path: str | Path) -> Path:
-        """Write all but functions (dense output, :meth:`drift`) to an ``.npz`` file of arrays and one text; its path."""
+        """Write the solution without its functions (dense output, :meth:`drift`) to an ``.npz`` file; returns its path."""
         from hhtbench.solution.saved import write_arrays
 
         return write_arrays(path, {name: getattr(self, name) for name in _KEPT})
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
-        """What :meth:`save` has written: no dense output, and drift by ``hhtbench.measure_drift(problem, solution)``.
+        """Read a file of :meth:`save`; the solution has no dense output, drift is ``hhtbench.measure_drift(problem,
+        solution)``.
 
-        Raises ``ProblemError`` where the file is none of these.
+        Raises ``ProblemError`` if the file is no saved solution.
         """
         from hhtbench.solution.saved import read_arrays
 
@@ -308,7 +309,7 @@ class Solution(Filled):
         return "\n".join(f"{name:>{width}}: {value}" for name, value in rows)
 
     def _printed(self) -> list[tuple[str, str]]:
-        """Names and values of what a reader is shown."""
+        """Return the names and values that ``repr`` prints."""
         rows = [("status", f"{self.status.label}: {self.message}"), ("t", _span(self.t))]
         rows += [(name, f"array {getattr(self, name).shape}") for name in ("q", "v", "lam", "mu")]
         if self.t_events:
@@ -318,7 +319,7 @@ class Solution(Filled):
 
 
 def ends_of(solution: Solution) -> Ends | None:
-    """The ends of the steps from ``solution`` or the times ``t`` of its dense output; None where it has neither."""
+    """Return the states at the ends of the steps, from ``solution.ends`` or its dense output; None if it has neither."""
     if solution.ends is not None:
         return solution.ends
     t: Any = getattr(solution.interpolant, "t", ())

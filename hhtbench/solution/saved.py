@@ -1,4 +1,4 @@
-"""Records of arrays as ``.npz`` files that hold plain arrays and one text, nothing to be executed."""
+"""Save and load records of arrays as ``.npz`` files without pickled code."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ TREE = "tree"  # the text: how the values nest; an array in it is {"array": its 
 
 
 def write_arrays(path: str | Path, values: Mapping[str, Any]) -> Path:
-    """Write numbers, texts, arrays, members of enumerations, records and tuples or mappings of them; returns the path.
+    """Write numbers, strings, arrays, enum members, records, and tuples or mappings of them to an ``.npz`` file.
 
-    ``.npz`` is added to the name where it is missing.
+    ``.npz`` is added to the name where it is missing.  Returns the path.
     """
     file = Path(path)
     file = file if file.suffix == ".npz" else file.with_name(file.name + ".npz")
@@ -33,7 +33,7 @@ def write_arrays(path: str | Path, values: Mapping[str, Any]) -> Path:
 
 
 def read_arrays(path: str | Path, kinds: tuple[type, ...]) -> dict[str, Any]:
-    """The values that :func:`write_arrays` wrote; ``kinds`` are the records and enumerations among them."""
+    """Read the values that :func:`write_arrays` wrote; ``kinds`` are the record and enum classes among them."""
     try:
         with np.load(path, allow_pickle=False) as arrays:
             tree = json.loads(str(arrays[TREE][()]))
@@ -45,7 +45,7 @@ def read_arrays(path: str | Path, kinds: tuple[type, ...]) -> dict[str, Any]:
 
 
 def _plain(name: str, value: Any, arrays: dict[str, Any]) -> Any:
-    """``value`` for JSON, its arrays put into ``arrays`` by a name that begins with ``name``."""
+    """Convert ``value`` to JSON types; its arrays go into ``arrays`` under keys that begin with ``name``."""
     if isinstance(value, enum.Enum):
         return {"record": type(value).__name__, "member": value.name}
     if is_dataclass(value) or hasattr(value, "_asdict"):

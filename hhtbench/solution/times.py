@@ -1,7 +1,7 @@
-"""Do floating-point times resolve the steps of a solver?
+"""Check whether floating-point times resolve the steps of a solver.
 
 A solver makes a step of h and moves its time to t + h, rounded.  Far from t = 0 the two differ by up to half the spacing of
-floating-point times in every step, mostly in the same direction, and the end of the motion is that of another interval.
+floating-point times in every step, mostly in the same direction, and the run covers an interval of another length.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ import math
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 
-SPACINGS = 10.0  # of times: what every solution is off by, whose times are numbers
-FINEST = 1e-10  # relative: no motion is known better after many steps
-END_SPACINGS = 100.0  # before the end of the interval SUNDIALS, and others, take it as reached
+SPACINGS = 10.0  # of times: an error in time that no solver avoids
+FINEST = 1e-10  # smallest relative error expected after many steps
+END_SPACINGS = 100.0  # from the end of the interval, within which SUNDIALS takes it as reached
 
 
 def unresolved(t_span: tuple[float, float], steps: int, rtol: float, elapsed: float | None = None) -> str:
-    """Why floating-point times do not resolve ``steps`` steps over ``t_span`` [s]; empty where they do.
+    """Return the reason why floating-point times do not resolve ``steps`` steps over ``t_span`` [s]; "" if they do.
 
-    ``elapsed`` is the sum of the signed lengths that the solver has used [s].  Where it is not known, every step may be
-    off by half a spacing.
+    ``elapsed`` is the sum of the signed lengths that the solver has used [s].  If it is None, every step is taken to be off
+    by half a spacing.
     """
     t0, t1 = t_span
     span, spacing = t1 - t0, math.ulp(max(abs(t0), abs(t1)))

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hhtbench import Status
-from hhtbench.campaign.clock import LEAST, LONG, PATIENCE, enough, time_cell, timing_of
+from hhtbench.campaign.clock import LONG, MIN_READING, PATIENCE, enough, time_cell, timing_of
 from tests.campaign.test_run import ASKED, PROBLEM, Line, line
 
 
@@ -29,7 +29,7 @@ def busy(seconds: float) -> Any:
 
 def test_a_solver_without_warm_up_solves_once_before_the_clock_runs(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delattr(Line, "warm_up")
-    monkeypatch.setattr(Line, "solve", busy(2 * LEAST))
+    monkeypatch.setattr(Line, "solve", busy(2 * MIN_READING))
     solver = Line()
     assert time_cell(PROBLEM, solver, ASKED, False, lambda _: None)["solves"] == 1
     assert solver.diary == ["solve"] * 2
@@ -40,7 +40,7 @@ def test_a_solver_without_warm_up_solves_once_before_the_clock_runs(monkeypatch:
 def test_a_short_solve_is_repeated_until_a_reading_is_long_enough(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(Line, "solve", busy(1e-3))
     found = time_cell(PROBLEM, Line(), ASKED, True, lambda _: None)
-    assert found["solves"] * found["cpu_s"] >= LEAST or found["solves"] * found["wall_s"] >= PATIENCE * LEAST
+    assert found["solves"] * found["cpu_s"] >= MIN_READING or found["solves"] * found["wall_s"] >= PATIENCE * MIN_READING
     assert found["cpu_s"] == pytest.approx(1e-3, rel=0.3)
 
 

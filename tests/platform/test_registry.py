@@ -45,11 +45,11 @@ def test_listing_imports_nothing(acme):
 def test_objects_pass_unchanged_and_take_no_parameters(acme):
     problem = load_problem("acme_fall")
     assert load_problem(problem) is problem
-    with pytest.raises(ProblemError, match="fall is finished and takes no parameters; got height"):
+    with pytest.raises(ProblemError, match="fall is no function and takes no parameters; got height"):
         load_problem(problem, height=2)
     solver = load_solver("acme_still")
     assert load_solver(solver) is solver
-    with pytest.raises(TypeError, match="must be a spec or have accepts"):
+    with pytest.raises(TypeError, match="have accepts"):
         load_solver(3)
     with pytest.raises(TypeError, match="a spec must be a string"):
         load_problem(3)
@@ -222,7 +222,7 @@ def test_file_may_import_its_neighbour_but_leaves_the_path_as_it_was(mechanism):
         ("my_mechanism.py:zzz", "no attribute zzz; it defines Fall, problem, finished, makes_nonsense"),
         ("my_mechanism.py:nonsense", "must be a hhtbench.Problem or return one; got int"),
         ("my_mechanism.py:makes_nonsense(k=2.5)", "must be a hhtbench.Problem or return one; got float"),
-        ("my_mechanism.py:finished(k=1)", "my_mechanism.py:finished is finished and takes no parameters; got k"),
+        ("my_mechanism.py:finished(k=1)", "my_mechanism.py:finished is no function and takes no parameters; got k"),
         ("my_mechanism.py:problem(hight=1)", "Did you mean height"),
     ],
 )

@@ -85,8 +85,8 @@ def test_what_python_cannot_parse_is_refused_at_a_place_inside_the_parentheses(t
     [
         ("", "must not be empty"),
         ("   ", "must not be empty"),
-        ("my_file.py", "my_file.py is a file; say what of it is meant, for example my_file.py:problem"),
-        ("my_file.py(k=1)", "my_file.py is a file; say what of it is meant"),
+        ("my_file.py", "my_file.py is a file; add the name of the problem in it, for example my_file.py:problem"),
+        ("my_file.py(k=1)", "my_file.py is a file; add the name of the problem in it"),
     ],
 )
 def test_spec_without_a_name_is_refused_with_an_example(text, reason):

@@ -1,4 +1,4 @@
-"""Pure functions from rows of the store to tables; no function drops a failed row."""
+"""Pure functions from the rows of a store to tables; no function drops a failed row."""
 
 from hhtbench.campaign.analysis.accuracy import convergence
 from hhtbench.campaign.analysis.cells import by_problem, entries, points, problems

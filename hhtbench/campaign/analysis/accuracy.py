@@ -1,4 +1,4 @@
-"""Error against what was asked, and the slope of it."""
+"""Curves of achieved error against tolerance or step, with fitted slopes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ COARSE = 0.1  # scaled errors above it lie before the range where an order shows
 
 @dataclass(frozen=True, kw_only=True)
 class Slope:
-    """A straight line through the logarithms."""
+    """Straight line fitted to logarithms."""
 
     value: float
     count: int  #: points it was fitted to
@@ -36,7 +36,7 @@ class ConvergenceCurve:
 
 
 def convergence(rows: Iterable[RunRow]) -> tuple[ConvergenceCurve, ...]:
-    """One curve for each problem, solver and kind of setting."""
+    """Return one curve for each problem, solver and kind of setting."""
     curves = []
     for problem, groups in by_problem(points(rows)).items():
         for entry, runs in groups.items():
@@ -47,7 +47,7 @@ def convergence(rows: Iterable[RunRow]) -> tuple[ConvergenceCurve, ...]:
 
 
 def fit(runs: Sequence[Point]) -> Slope | None:
-    """Slope of error against setting over successful runs, above the reference's limit and roundoff, up to ``COARSE``."""
+    """Fit the slope of error against setting over successful runs from the reference's limit or roundoff to ``COARSE``."""
     judged = [(run.setting.value, run.error) for run in runs if run.error and max(run.limit, ROUNDOFF) < run.error <= COARSE]
     if len({x for x, _ in judged}) < LEAST_POINTS:
         return None

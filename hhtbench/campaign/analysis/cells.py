@@ -1,4 +1,4 @@
-"""One row of the store as the analysis sees it: the few numbers that every table starts from."""
+"""Reduce a row of the store to the few numbers that every table starts from."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from hhtbench.catalogue.specs import canonical
 from hhtbench.protocol.errors import ProblemError
 
 SUBJECT = "hht"  # the family that the comparison is about
-TYPICAL_ERROR = 1e-4  # runs are set side by side where their error is nearest to this: plain engineering accuracy
+TYPICAL_ERROR = 1e-4  # runs are compared at the error nearest to this: engineering accuracy
 NEAR = 10.0  # errors within this factor of one another are called equal
 MINIMAL = re.compile(r"minimal\(.*?\bsolver=['\"]?(\w+)")  # of the solver that reformulates a problem, and whom it then asks
-KEPT = "_point"  # no field: it is neither compared nor written
+KEPT = "_point"  # attribute of a row that caches its Point; no field, so neither compared nor written
 CONSTANT = ", constant step"  # after a solver's spec: the curve of its runs with prescribed steps
 DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
 
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What the request asked of the accuracy; ``value`` falls as more is asked."""
+    """Tolerance or step of a request; a smaller ``value`` demands more accuracy."""
 
     kind: str  #: "rtol", "step" or "steps"
     value: float  #: relative tolerance, step [s] or 1 / number of steps
@@ -32,7 +32,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class Rules:
-    """What every solver of a campaign is given alike; it stands in the request of every row."""
+    """Limits and target errors that a campaign gives every solver alike; stored in the request of every row."""
 
     accuracies: tuple[float, ...]  #: achieved scaled errors to reach
     max_seconds: float  #: of one solve [s]
@@ -42,12 +42,12 @@ class Rules:
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """One row of the store, reduced; every row gives one, failed or not."""
+    """One row of the store reduced to numbers; failed rows give one too."""
 
     key: str
     problem: str
     solver: str  #: its canonical spec
-    entry: str  #: the same without quotes, with ``CONSTANT`` where the request prescribes steps
+    entry: str  #: the spec without quotes, with ``CONSTANT`` where the request prescribes steps
     setting: Setting
     status: str
     message: str
@@ -55,12 +55,12 @@ class Point:
     error: float | None  #: :func:`state_error`; None where the run failed or nothing was compared
     doubted: float | None  #: error of a run whose result was rejected; shown, never ranked
     lam: float | None  #: scaled error of the multipliers of position constraints, also of a run whose result was rejected
-    mu: float | None  #: the same of velocity constraints
+    mu: float | None  #: scaled error of the multipliers of velocity constraints
     compared: int | None  #: number of times at which the error was taken
     limit: float  #: error below which the reference cannot judge; 0 for an exact solution
     time: float | None  #: processor time of one solve [s]
     first: float | None  #: time of a solve before all others, compilation included [s]
-    repeats: tuple[float, ...]  #: the same of every repeat, taken at different times [s]
+    repeats: tuple[float, ...]  #: processor time of every repeat, spread over time [s]
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
     rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
     held_out: bool  #: of a problem that played no part in the choice of defaults
@@ -81,22 +81,22 @@ class Point:
 
     @property
     def drift(self) -> float | None:
-        """The larger of both levels, as far as they were measured."""
+        """The larger of position and velocity drift, as far as measured; None if neither is."""
         return max((value for value in (self.position, self.velocity) if value is not None), default=None)
 
     def work(self, measure: str) -> float | None:
-        """``time`` [s] or ``evaluations``."""
+        """Return the cost by ``measure``: "time" [s] or "evaluations"."""
         return self.time if measure == "time" else self.evaluations
 
 
 def family(entry: str) -> str:
-    """The part of a solver's spec before its arguments; in minimal coordinates that of the solver which is given them."""
+    """Return a solver's name without arguments; for minimal coordinates the name of the solver inside."""
     inner = MINIMAL.match(entry)
     return inner[1] if inner else entry.partition("(")[0].partition(",")[0]
 
 
 def number(mapping: Mapping[str, Any], *path: str) -> float | None:
-    """The number at ``path`` of nested mappings; None where it is absent, null or not finite."""
+    """Return the number at ``path`` in nested mappings; None if it is absent, null or not finite."""
     value: Any = mapping
     for name in path:
         if not isinstance(value, Mapping):
@@ -108,7 +108,7 @@ def number(mapping: Mapping[str, Any], *path: str) -> float | None:
 
 
 def setting_of(row: RunRow) -> Setting:
-    """The request's tolerance, step or number of steps."""
+    """Return the request's tolerance, step or number of steps as a :class:`Setting`."""
     request = row.request
     if request.get("rtol") is not None:
         value = float(request["rtol"])
@@ -122,30 +122,30 @@ def setting_of(row: RunRow) -> Setting:
 
 
 def _short(value: float) -> str:
-    """``1e-03`` and ``2.5e-04``: all settings of one axis written alike."""
+    """Format a setting: ``1e-03`` or ``2.5e-04``."""
     whole = f"{value:.0e}"
     return whole if float(whole) == value else f"{value:.3g}"
 
 
 def kind_of(run: Point) -> str:
-    """What a campaign refines in runs like this: "rtol" or "steps"."""
+    """Return what a campaign refines in such runs: "rtol" or "steps"."""
     return "rtol" if run.setting.kind == "rtol" else "steps"
 
 
 def entry_of(row: RunRow) -> str:
-    """The curve that the row belongs to."""
+    """Return the name of the curve that the row belongs to: the solver, with ``CONSTANT`` for prescribed steps."""
     name = row.solver.replace("'", "").replace('"', "")
     return name if setting_of(row).kind == "rtol" else name + CONSTANT
 
 
 def asked_of(entry: str) -> tuple[str, str]:
-    """The solver's spec without quotes, and what is given it to reach an error: "rtol" or "steps", as :func:`kind_of`."""
+    """Split an entry into the solver's spec without quotes and what is refined, "rtol" or "steps", as :func:`kind_of`."""
     spec = entry.removesuffix(CONSTANT)
     return spec, "rtol" if spec == entry else "steps"
 
 
 def spec_of(run: Point) -> str:
-    """What ``hb.solve`` takes: without quotes where that reads the same."""
+    """Return the solver's spec as ``hb.solve`` takes it, without quotes where they are not needed."""
     plain, _ = asked_of(run.entry)
     try:
         return plain if canonical(plain) == run.solver else run.solver
@@ -154,7 +154,7 @@ def spec_of(run: Point) -> str:
 
 
 def state_error(row: RunRow) -> float | None:
-    """Largest scaled error of q and v over the compared times; of the observables where neither was compared."""
+    """Return the largest scaled error of q and v over the compared times; of the observables if neither was compared."""
     found = [number(row.metrics, "errors", name, "max_scaled") for name in ("q", "v")]
     known = [value for value in found if value is not None]
     if not known:
@@ -165,7 +165,7 @@ def state_error(row: RunRow) -> float | None:
 
 
 def point(row: RunRow) -> Point:
-    """The row, reduced; kept with it as ``functools.cached_property`` keeps a value: a report asks a hundred times."""
+    """Reduce a row to a :class:`Point`; the result is cached in the row, since a report asks a hundred times."""
     kept: dict[str, Any] = vars(row)
     if KEPT not in kept:
         kept[KEPT] = _reduced(row)
@@ -219,7 +219,7 @@ def _reduced(row: RunRow) -> Point:
 
 
 def rules_of(row: RunRow) -> Rules | None:
-    """The campaign's rules as the row's request holds them."""
+    """Return the campaign's rules from the row's request; None if it has none."""
     rules = row.request.get("rules")
     if not rules:
         return None
@@ -227,29 +227,29 @@ def rules_of(row: RunRow) -> Rules | None:
 
 
 def _beside(row: RunRow) -> float | None:
-    """Time of the solve of the accuracy pass, beside other work: of the processor where it is known."""
+    """Return the time of the accuracy pass's solve, run beside other work: processor time if known, else wall time [s]."""
     seconds = number(row.timing, "solve_cpu_s")
     return number(row.timing, "solve_s") if seconds is None else seconds
 
 
 def _spent(row: RunRow) -> float | None:
-    """Processor time where it is known; a solve that was killed has spent what it was allowed."""
+    """Return the time of the solve [s]; a solve that was killed counts with its limit."""
     seconds = _beside(row)
     return number(row.request, "max_seconds") if seconds is None and row.status == "deadline" else seconds
 
 
 def points(rows: Iterable[RunRow]) -> tuple[Point, ...]:
-    """One point a row, in their order."""
+    """Return one point per row, in their order."""
     return tuple(point(row) for row in rows)
 
 
 def problems(rows: Iterable[RunRow]) -> tuple[str, ...]:
-    """Problems in order of first appearance."""
+    """Return the problems in order of first appearance."""
     return tuple(dict.fromkeys(row.problem for row in rows))
 
 
 def by_entry(found: Iterable[Point]) -> dict[str, list[Point]]:
-    """Points of each entry, loosest setting first."""
+    """Group points by solver entry, loosest setting first."""
     groups: dict[str, list[Point]] = {}
     for item in found:
         groups.setdefault(item.entry, []).append(item)
@@ -257,7 +257,7 @@ def by_entry(found: Iterable[Point]) -> dict[str, list[Point]]:
 
 
 def by_problem(found: Iterable[Point]) -> dict[str, dict[str, list[Point]]]:
-    """Points of each entry on each problem, loosest setting first: the curves of error against work."""
+    """Group points by problem and solver entry, loosest setting first: the curves of error against work."""
     groups: dict[str, list[Point]] = {}
     for item in found:
         groups.setdefault(item.problem, []).append(item)
@@ -265,12 +265,12 @@ def by_problem(found: Iterable[Point]) -> dict[str, dict[str, list[Point]]]:
 
 
 def entries(rows: Iterable[RunRow]) -> tuple[str, ...]:
-    """Every solver's entry, in order of first appearance."""
+    """Return every solver's entry in order of first appearance."""
     return tuple(dict.fromkeys(entry_of(row) for row in rows))
 
 
 def typical(runs: Sequence[Point], error: float = TYPICAL_ERROR) -> Point:
-    """The run to set beside other solvers': nearest to ``error``, else the middle setting, else a failed one."""
+    """Return the run with the error nearest to ``error``; else that with the middle setting, else a failed one."""
     good = [run for run in runs if run.success]
     measured = [run for run in good if run.error]
     if measured:

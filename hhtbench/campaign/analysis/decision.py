@@ -1,7 +1,7 @@
-"""Whom to take: solvers in order on several problems, or at several errors of one.
+"""Rank solvers on several problems, or at several errors of one problem.
 
-First by how many they reach, then by the geometric mean of their costs there: the order of two solvers follows from the
-problems and their own rows, and a third on the same problems does not change it.
+First by the number of goals they reach, then by the geometric mean of their costs there: the order of two solvers follows
+from the problems and their own rows, and a third solver does not change it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Goal = tuple[str, float]  # a problem and an error on it
 
 @dataclass(frozen=True, kw_only=True)
 class Ratio:
-    """The cost of one solver over another's, in the geometric mean of the goals that both reach."""
+    """Geometric mean of the cost ratio of two solvers over the goals that both reach."""
 
     value: float
     goals: int  #: that both reach
@@ -28,13 +28,13 @@ class Ratio:
     at_least: bool  #: one below it is
 
     def within(self, level: float) -> bool:
-        """Whether the two are level: their costs, no bounds, differ by no more than this factor."""
+        """True if the two are level: their costs are no bounds and differ by at most the factor ``level``."""
         return 1 / level <= self.value <= level and not (self.at_most or self.at_least)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """One solver on several goals."""
+    """Result of one solver on several goals: costs of those reached, reasons for the others."""
 
     entry: str
     costs: Mapping[Goal, Cost]  #: of the goals that it reaches
@@ -42,16 +42,16 @@ class Place:
 
     @property
     def mean(self) -> float:
-        """Geometric mean of the costs; infinite where nothing is reached."""
+        """Geometric mean of the costs; infinite if nothing is reached."""
         return _mean(cost.value for cost in self.costs.values()) if self.costs else math.inf
 
     @property
     def at_most(self) -> bool:
-        """Whether the mean rests on an upper bound."""
+        """True if the mean contains an upper bound."""
         return any(cost.bound for cost in self.costs.values())
 
     def over(self, other: Place) -> Ratio | None:
-        """Where both reach something: what this one costs there over the other."""
+        """Return the cost ratio to ``other`` on the goals that both reach; None if there are none."""
         pairs = [(cost, other.costs[goal]) for goal, cost in self.costs.items() if goal in other.costs]
         if not pairs:
             return None
@@ -65,7 +65,7 @@ class Place:
 
 @dataclass(frozen=True, kw_only=True)
 class Choice:
-    """All solvers on one kind of problem, at one error, drift bound and measure."""
+    """Ranking of all solvers on one kind of problem, at one error, drift bound and measure."""
 
     kind: Kind
     target: float
@@ -85,7 +85,7 @@ def decide(
     targets: Sequence[float],
     held: float | None = None,
 ) -> tuple[Choice, ...]:
-    """One choice for each kind and error; problems without constraints are left out where the drift is bounded."""
+    """Rank the solvers for each kind of problem and error; with a drift bound only on problems with constraints."""
     found = [
         front
         for front in fronts(rows, measure, targets, held)
@@ -102,7 +102,7 @@ def decide(
 
 
 def places(found: Sequence[Front]) -> tuple[Place, ...]:
-    """Of all solvers of the fronts, who reaches the most first, of these the cheapest."""
+    """Rank the solvers of the fronts: by the number of goals reached, then by mean cost."""
     entries = dict.fromkeys(entry for front in found for entry in front.entries)
     return tuple(sorted((_place(entry, found) for entry in entries), key=lambda place: (-len(place.costs), place.mean)))
 

@@ -1,4 +1,4 @@
-"""Runs of equal accuracy, and what runs have kept over time; drift against cost."""
+"""Compare runs of equal accuracy: drift over time, and drift against cost."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class TimeSeries:
 
 
 def equally_accurate(rows: Iterable[RunRow], error: float = TYPICAL_ERROR) -> dict[str, tuple[Point, ...]]:
-    """Entry -> on each problem its run nearest to ``error``, where that is within the factor ``NEAR`` of it."""
+    """Map each entry to its runs nearest to ``error`` on each problem, within the factor ``NEAR``."""
     found: dict[str, tuple[Point, ...]] = {}
     for groups in by_problem(points(rows)).values():
         for entry, runs in groups.items():
@@ -37,7 +37,7 @@ def equally_accurate(rows: Iterable[RunRow], error: float = TYPICAL_ERROR) -> di
 
 
 def drift_series(rows: Iterable[RunRow], level: str) -> tuple[TimeSeries, ...]:
-    """Over time, of the rows that kept any: drift at one level, change of energy, or of an invariant by its name."""
+    """Return drift at one level, change of energy, or of an invariant by its name, over time for rows that stored it."""
     if level == "acceleration":
         measured = [row for row in rows if point(row).acceleration is not None]
         return _series((row, row.series.get("acceleration") or {}, "value") for row in measured)
@@ -46,7 +46,7 @@ def drift_series(rows: Iterable[RunRow], level: str) -> tuple[TimeSeries, ...]:
 
 
 def invariant_names(rows: Iterable[RunRow]) -> tuple[str, ...]:
-    """Invariants that some row kept over time."""
+    """Return the names of the invariants that some row stored over time."""
     found = [(row.series.get("drift") or {}).get("invariants") or {} for row in rows]
     return tuple(dict.fromkeys(name for names in found for name in names))
 
@@ -60,7 +60,7 @@ def _series(found: Iterable[tuple[RunRow, Mapping[str, Any], str]]) -> tuple[Tim
 
 
 def multiplier_series(rows: Sequence[RunRow], name: str) -> tuple[TimeSeries, ...]:
-    """``lam`` or ``mu`` over time: of every row the same ``MOST_COMPONENTS`` components, the largest over all rows."""
+    """Return ``lam`` or ``mu`` over time for every row: the ``MOST_COMPONENTS`` components largest over all rows."""
     kept = []
     for row in rows:
         series = row.series.get("multipliers") or {}
@@ -84,7 +84,7 @@ def multiplier_series(rows: Sequence[RunRow], name: str) -> tuple[TimeSeries, ..
 
 @dataclass(frozen=True, kw_only=True)
 class DriftCost:
-    """One solver on one problem, at one error."""
+    """Drift and cost of one solver on one problem at one error, beside HHT's cost."""
 
     problem: str
     cost: Cost
@@ -93,17 +93,17 @@ class DriftCost:
 
     @property
     def ratio(self) -> float:
-        """Its cost over that of HHT's cheapest entry."""
+        """Cost divided by that of HHT's cheapest entry."""
         return self.cost.value / self.own.value
 
     @property
     def bound(self) -> bool:
-        """Whether either cost is only an upper bound, so that the ratio is none of costs at this error."""
+        """True if either cost is only an upper bound, so that the ratio is not one of costs at this error."""
         return self.cost.bound or self.own.bound
 
 
 def drift_costs(rows: Sequence[RunRow], measure: str, target: float = TYPICAL_ERROR) -> dict[str, tuple[DriftCost, ...]]:
-    """Entry -> one for each problem with constraints where both it and HHT reach ``target``."""
+    """Map each entry to its drift and cost on every problem with constraints where both it and HHT reach ``target``."""
     found: dict[str, list[DriftCost]] = {}
     for front in fronts(rows, measure, (target,)):
         own = front.subject

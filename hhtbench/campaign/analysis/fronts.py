@@ -1,4 +1,4 @@
-"""Who reaches a given error most cheaply, and what the extended HHT-alpha method pays against the best other solver."""
+"""Find the solver that reaches a given error most cheaply, and compare HHT with the best other solver."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from hhtbench.campaign.analysis.missing import UNKNOWN, UNREFINED, Missing, drif
 from hhtbench.campaign.store.rows import RunRow
 
 TARGETS = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7)  # achieved scaled errors, where the rows name none
-BOUNDS = (None, 1e-6, 1e-10)  # of the drift: none, what many engineers need, what only projection and HHT keep
+BOUNDS = (None, 1e-6, 1e-10)  # drift bounds: none, what many engineers need, what only projection and HHT keep
 MEASURES = ("time", "evaluations")
-STEADY = 1e-10  # drift, scaled, of both levels up to which a run holds the constraints
-SAME = 0.995  # of the repeats of one solve that differ by less than what is level; 99 % of comparisons must
+STEADY = 1e-10  # scaled drift of both levels up to which a run counts as holding the constraints
+SAME = 0.995  # share of pairs of repeats of one solve within the level factor; 99 % of comparisons must
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """What one solver pays for one error."""
+    """Cost of one solver for one error."""
 
     entry: str
     value: float  #: s or evaluations, interpolated in the logarithms between two runs
@@ -41,35 +41,37 @@ class Front:
 
     @property
     def entries(self) -> tuple[str, ...]:
-        """Everybody who was run on the problem."""
+        """All solvers that were run on the problem."""
         return (*(cost.entry for cost in self.costs), *self.missing)
 
     @property
     def subject(self) -> Cost | None:
-        """The cheapest of the subject's entries."""
+        """Cost of HHT's cheapest entry; None if none reaches the error."""
         return next((cost for cost in self.costs if family(cost.entry) == SUBJECT), None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Comparison(Front):
-    """The best entry of the subject against the best other solver."""
+    """Comparison of HHT's (``SUBJECT``) cheapest entry with the cheapest other solver."""
 
     level: float = 1.0  #: factors up to it are level: repeats of one solve differ by as much
 
     @property
     def rival(self) -> Cost | None:
-        """The cheapest of all others."""
+        """Cost of the cheapest other solver; None if none reaches the error."""
         return next((cost for cost in self.costs if family(cost.entry) != SUBJECT), None)
 
     @property
     def factor(self) -> float | None:
-        """The rival's cost over the subject's: above 1 the subject wins."""
+        """Cost of the best other solver divided by HHT's: above 1 HHT is cheaper."""
         return None if self.subject is None or self.rival is None else self.rival.value / self.subject.value
 
     @property
     def outcome(self) -> str:
-        """ "wins", "loses", "level"; "absent" (the subject does not reach it), "alone" (no other does), "unheld" (others
-        only with more drift), "unknown" (nothing is known of one side).
+        """Result for HHT: "wins", "loses", "level"; or why there is no factor.
+
+        "absent": HHT does not reach the error; "alone": no other solver does; "unheld": others do with too much drift only;
+        "unknown": one side was not run, counted, judged or refined.
         """
         if self.factor is not None:
             if 1 / self.level <= self.factor <= self.level:
@@ -84,7 +86,7 @@ class Comparison(Front):
 
     @property
     def least_factor(self) -> float | None:
-        """A lower bound of the dearer side's cost over the other's, where the dearer side does not get to the error."""
+        """Lower bound of the cost ratio if one side does not reach the error; None otherwise."""
         winner = self.subject or self.rival
         bounds = [reason.bound for reason in self._reasons(own=self.subject is None) if reason.kind not in UNKNOWN]
         if winner is None or self.factor is not None or not bounds or None in bounds:
@@ -93,17 +95,17 @@ class Comparison(Front):
 
     @property
     def own_missing(self) -> Missing | None:
-        """Why the subject has no cost: the reason of its entry that came nearest."""
+        """Reason why HHT has no cost: that of its entry with the smallest error."""
         nearest = sorted(self._reasons(own=True), key=lambda reason: reason.error or math.inf)
         return nearest[0] if nearest and self.subject is None else None
 
     def _reasons(self, *, own: bool) -> list[Missing]:
-        """Of the subject's entries, or of all others'."""
+        """Return the reasons of HHT's entries (``own``) or of all others for having no cost."""
         return [reason for entry, reason in self.missing.items() if (family(entry) == SUBJECT) is own]
 
 
 def pareto(runs: Iterable[Point], measure: str) -> tuple[Point, ...]:
-    """Runs that no other run beats in both error and work; cheapest (and least accurate) first."""
+    """Return the runs that no other run beats in both error and work, cheapest first."""
     usable = [run for run in runs if run.error is not None and run.work(measure)]
     best: list[Point] = []
     for run in sorted(usable, key=lambda run: (run.work(measure), run.error)):
@@ -113,7 +115,7 @@ def pareto(runs: Iterable[Point], measure: str) -> tuple[Point, ...]:
 
 
 def cost_at(runs: Sequence[Point], target: float, measure: str) -> Cost | None:
-    """Work of one solver at the error ``target``; None where no run reaches it."""
+    """Return the work of one solver at the error ``target``, interpolated; None if no run reaches it."""
     best = pareto(runs, measure)
     reached = next((index for index, run in enumerate(best) if _error(run) <= target), None)
     if reached is None:
@@ -127,7 +129,7 @@ def cost_at(runs: Sequence[Point], target: float, measure: str) -> Cost | None:
 
 
 def _between(coarse: Point, fine: Point, target: float, measure: str) -> float:
-    """Interpolated in the logarithms; an error of zero has none, so the finer run's work counts."""
+    """Interpolate the work between two runs log-log in the error; the finer run's work if its error is zero."""
     if _error(fine) == 0:
         return _work(fine, measure)
     share = math.log(_error(coarse) / target) / math.log(_error(coarse) / _error(fine))
@@ -136,7 +138,7 @@ def _between(coarse: Point, fine: Point, target: float, measure: str) -> float:
 
 
 def targets_of(found: Iterable[Point]) -> tuple[float, ...]:
-    """The errors that the campaign of these runs asked for, the loosest first."""
+    """Return the errors that the campaign of these runs asked for, loosest first."""
     asked = {accuracy for run in found if run.rules is not None for accuracy in run.rules.accuracies}
     return tuple(sorted(asked, reverse=True)) or TARGETS
 
@@ -144,7 +146,7 @@ def targets_of(found: Iterable[Point]) -> tuple[float, ...]:
 def fronts(
     rows: Iterable[RunRow], measure: str, targets: Sequence[float] = (), held: float | None = None
 ) -> tuple[Front, ...]:
-    """One front for each problem and target; with ``held`` of the runs whose position and velocity drift stay within it."""
+    """Return one front per problem and target; with ``held`` only runs count whose drift stays within it."""
     found = points(rows)
     targets = targets or targets_of(found)
     result = []
@@ -177,20 +179,20 @@ def _front(
 
 
 def constrained_levels(runs: Iterable[Point]) -> tuple[str, ...]:
-    """The levels, of position and velocity, that the constraints of these runs' problem have."""
+    """Return the levels ("position", "velocity") of the problem's constraints, as far as these runs measured drift."""
     known = list(runs)
     return tuple(level for level in ("position", "velocity") if any(getattr(run, level) is not None for run in known))
 
 
 def holds(run: Point, levels: Sequence[str], bound: float) -> bool:
-    """Whether the run's drift was measured and is at most ``bound`` at all ``levels``."""
+    """True if the run's drift was measured and is at most ``bound`` at all ``levels``."""
     return all(getattr(run, level) is not None and getattr(run, level) <= bound for level in levels)
 
 
 def level_of(found: Iterable[Point]) -> float:
-    """The factor within which ``SAME`` of all pairs of repeats of one solve lie: costs that differ by less are level.
+    """Return the factor within which the share ``SAME`` of all pairs of repeats lie; costs that differ by less are level.
 
-    Every run is timed in several rounds over all of them, so that a round sees the machine at another time.
+    Every run is timed in several rounds over all of them, so that its repeats are spread over time.
     """
     ratios = [max(a, b) / min(a, b) for run in found for a, b in combinations(run.repeats, 2)]
     return sorted(ratios)[math.ceil(SAME * len(ratios)) - 1] if ratios else 1.0
@@ -198,14 +200,14 @@ def level_of(found: Iterable[Point]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Campaign:
-    """What only all rows together tell."""
+    """Values that follow only from all rows together: the level factor and the target errors."""
 
     level: float  #: :func:`level_of` their times
     targets: tuple[float, ...]  #: :func:`targets_of` them
 
 
 def campaign_of(rows: Iterable[RunRow]) -> Campaign:
-    """Of all rows of a report."""
+    """Compute the :class:`Campaign` values from all rows of a report."""
     found = points(rows)
     return Campaign(level=level_of(found), targets=targets_of(found))
 
@@ -216,10 +218,10 @@ def compare(
     held: float | None = None,
     campaign: Campaign | None = None,
 ) -> tuple[Comparison, ...]:
-    """For each problem, measure and target: the best of the family ``SUBJECT`` against the best of all others.
+    """Compare HHT's best entry (family ``SUBJECT``) with the best other solver for each problem, measure and target.
 
-    With ``held`` only runs count whose position and velocity drift stay within it, and problems with constraints.  What is
-    level, and the errors that were asked for, are those of the ``campaign``, which follows from ``rows`` if it is not given.
+    With ``held`` only runs count whose position and velocity drift stay within it, and only problems with constraints.  The
+    level factor and the targets are those of ``campaign``, which is computed from ``rows`` if not given.
     """
     whole = campaign or campaign_of(rows)
     found = [

@@ -1,4 +1,4 @@
-"""Kinds of problems, by what the problem is, as its rows hold it: its constraints, and whether its author calls it stiff.
+"""Group problems by kind: by their constraints and their author's tags, as the rows store them.
 
 A reaction that is nonlinear in the multipliers is a kind of its own: ODE forms decline it, which says nothing about them
 on other problems.
@@ -25,7 +25,7 @@ STIFFNESS = {False: "not stiff", True: "stiff", None: "stiffness not recorded"}
 
 @dataclass(frozen=True, kw_only=True)
 class Kind:
-    """What problems that are compared together have in common."""
+    """Properties shared by problems that are compared together."""
 
     constraints: str  #: one of ``CONSTRAINTS``, or ``UNKNOWN``
     nonlinear: bool = False  #: whether the problem has the tag ``NONLINEAR``
@@ -33,12 +33,12 @@ class Kind:
 
     @property
     def text(self) -> str:
-        """As a reader would say it."""
+        """Name of the kind for a reader."""
         return ", ".join([self.constraints, *[NONLINEAR] * self.nonlinear, STIFFNESS[self.stiff]])
 
 
 def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
-    """Kind -> its problems; position constraints first, what is not stiff first."""
+    """Map each kind to its problems; position constraints come first, kinds that are not stiff before stiff ones."""
     systems_of: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         systems_of.setdefault(row.problem, []).append(row.metrics.get("system") or {})
@@ -51,7 +51,7 @@ def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
 
 
 def _kind(systems: Sequence[Mapping[str, Any]]) -> Kind:
-    """Of one problem: from any row that holds its sizes, and from any that holds its tags."""
+    """Return the kind of one problem from any row that holds its sizes and any that holds its tags."""
     sizes = next(((one["m"], one["p"]) for one in systems if None not in (one.get("m"), one.get("p"))), None)
     tags = next((one["tags"] for one in systems if one.get("tags") is not None), None)
     constraints = UNKNOWN if sizes is None else CONSTRAINTS[sizes[0] > 0, sizes[1] > 0]

@@ -1,8 +1,8 @@
-"""The ladder of settings of one solver on one problem: which is asked for next, or why there is no further one.
+"""Choose the next tolerance or step number of one solver on one problem, or state why the refinement ends.
 
-The same for every solver: it starts at ``FIRST``, every next setting is finer and aims at the loosest target not reached, by
-the slope of the errors so far.  It ends when all targets are reached or at a limit of the campaign.  Nothing but the runs
-and the rules decides, so that a resumed campaign asks for nothing twice, and the report can say why a target was missed.
+The same for every solver: it starts at ``FIRST``; every next setting is finer and aims at the loosest target not reached,
+by the slope of the errors so far.  It ends when all targets are reached or at a stated cap.  Only the runs and the rules
+decide, so that a resumed campaign asks for nothing twice, and the report can say why a target was not reached.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ SLOPES = {
     "steps": (1.0, 4.0),
 }  # of error against setting, both logarithmic; measured ones are clipped to it
 USUAL = {"rtol": 1.0, "steps": 2.0}  # slope before two errors are known
-MOST = {"rtol": 30.0, "steps": 10.0}  # times finer at once
-LEAST = 1.4  # times finer at least: less would hardly change the error
-AGAIN = 10.0  # times finer after a run that failed before any has succeeded
-BEYOND = 3.0  # times finer than a failure that may have been a single one
-AIM = 0.6  # of the target: a run that misses it by little costs another
-BETTER = 0.9  # of the best error so far: what a finer run must stay below to count as an improvement
-STANDSTILL = {"rtol": 3, "steps": 2}  # finer runs in a row without improvement that end a ladder, each ``MOST`` finer
+MAX_FACTOR = {"rtol": 30.0, "steps": 10.0}  # largest refinement factor between two runs
+MIN_FACTOR = 1.4  # smallest refinement factor: less would hardly change the error
+AGAIN = 10.0  # refinement factor after a failure while no run has succeeded
+BEYOND = 3.0  # refinement factor past a failure, which may be a single one
+AIM = 0.6  # aim at this share of the target: a run that misses it by little costs another
+BETTER = 0.9  # an error below this share of the best so far counts as an improvement
+STANDSTILL = {"rtol": 3, "steps": 2}  # finer runs in a row without improvement that end a ladder, each ``MAX_FACTOR`` finer
 FAILURES = 2  # runs finer than the finest success that fail, the same
 EARLY = 6  # runs that fail before any has succeeded, the same: a loose tolerance may be too loose for what a check bears
 BROKEN = ("crashed", "out_of_memory")  #: statuses that come from no tolerance: ``FAILURES`` of them end a ladder at once
@@ -35,7 +35,7 @@ CAPS = ("deadline", "max_steps", "evaluation_budget")  #: statuses of a run that
 
 @dataclass(frozen=True, kw_only=True)
 class End:
-    """Why a ladder has no further setting."""
+    """Reason why the refinement ends."""
 
     kind: str  #: "reached", "unjudged", "refused", "capped", "fails" or "standstill"
     text: str
@@ -43,14 +43,14 @@ class End:
 
 @dataclass(frozen=True, kw_only=True)
 class Next:
-    """The next run."""
+    """Setting and time limit of the next run."""
 
     value: float  #: relative tolerance, or 1 / number of steps
-    seconds: float  #: what it may take [s]
+    seconds: float  #: time limit [s]
 
 
 def next_setting(runs: Sequence[Point], rules: Rules, kind: str = "rtol") -> Next | End:
-    """What to run after ``runs`` (any order) of one solver on one problem; ``kind`` is "rtol" or "steps"."""
+    """Return the next run after ``runs`` (any order) of one solver on one problem, or the End; ``kind``: rtol or steps."""
     known = sorted(runs, key=lambda run: -run.setting.value)
     if not known:
         return Next(value=FIRST[kind], seconds=min(rules.max_seconds, rules.pair_seconds))
@@ -65,7 +65,7 @@ def next_setting(runs: Sequence[Point], rules: Rules, kind: str = "rtol") -> Nex
 
 
 def _ended(known: Sequence[Point], rules: Rules, kind: str) -> End | None:
-    """Reached, refused, failed or no better."""
+    """Return the End if the refinement is finished (reached, refused, failed or no better); else None."""
     last = known[-1]
     good = [run for run in known if run.success]
     if last.status == "declined":
@@ -85,14 +85,14 @@ def _ended(known: Sequence[Point], rules: Rules, kind: str) -> End | None:
 
 
 def _cap(last: Point) -> str:
-    """What was used up, as short as it goes: the row holds the solver's own words."""
+    """Name the budget that was used up; the row holds the solver's own message."""
     if last.status == "deadline" and last.spent is not None:
         return f"more than {last.spent:.2g} s at {last.setting.text}"
     return f"{last.status} at {last.setting.text}"
 
 
 def _failures(known: Sequence[Point]) -> Sequence[Point]:
-    """Runs finer than the finest success."""
+    """Return the runs finer than the finest success."""
     places = [i for i, run in enumerate(known) if run.success]
     return known[places[-1] + 1 :] if places else known
 
@@ -115,19 +115,19 @@ def _out_of_budget(known: Sequence[Point], rules: Rules, allowed: float) -> End 
 
 
 def _allowed(known: Sequence[Point], rules: Rules) -> float:
-    """What the next run may take [s]."""
+    """Return the time limit of the next run [s]."""
     return min(rules.max_seconds, rules.pair_seconds - sum(run.spent or 0.0 for run in known))
 
 
 def _open(known: Sequence[Point], rules: Rules) -> list[float]:
-    """Targets that the reference can judge and no run has reached, the loosest first."""
+    """Return the targets that the reference can judge and no run has reached, loosest first."""
     limit = max(run.limit for run in known)
     best = min((run.error for run in known if run.error is not None), default=math.inf)
     return sorted((target for target in rules.accuracies if limit <= target < best), reverse=True)
 
 
 def _no_better(good: Sequence[Point], rules: Rules) -> int:
-    """How many of the last runs are no better than the best before them, which had reached a target."""
+    """Count the last runs that are no better than the best before them, once that had reached a target."""
     best, count = math.inf, 0
     for error in (run.error for run in good if run.error is not None):
         count = count + 1 if best <= max(rules.accuracies) and error > BETTER * best else 0
@@ -136,32 +136,34 @@ def _no_better(good: Sequence[Point], rules: Rules) -> int:
 
 
 def _finer(known: Sequence[Point], rules: Rules, kind: str) -> float:
-    """The next setting: by the slope; before a failure halfway to it; beyond it where no room is left between."""
+    """Return the next setting by the slope; between the last success and a failure, or beyond the failure if they are
+    close.
+    """
     good, failed = [run for run in known if run.success], _failures(known)
     if not good:
         return rounded(known[-1].setting.value / AGAIN, known[-1].setting.value, kind)
     finest = good[-1].setting.value
     value = rounded(finest / _factor(known, rules, kind), finest, kind)
-    if not failed or value > LEAST * failed[0].setting.value:
+    if not failed or value > MIN_FACTOR * failed[0].setting.value:
         return value
     broken = failed[0].setting.value
-    if finest > LEAST**2 * broken:
+    if finest > MIN_FACTOR**2 * broken:
         return rounded(math.sqrt(finest * broken), finest, kind)
     return rounded(broken / BEYOND, broken, kind)
 
 
 def _factor(known: Sequence[Point], rules: Rules, kind: str) -> float:
-    """How many times finer than the finest success the next setting is."""
+    """Return the ratio of the finest success's setting to the next one."""
     good = [run for run in known if run.success]
     last = good[-1]
     if not last.error or last.error > max(rules.accuracies) or _no_better(good, rules):
-        return MOST[kind]
+        return MAX_FACTOR[kind]
     ratio = last.error / (AIM * _open(known, rules)[0])
-    return min(max(ratio ** (1.0 / _slope(known, kind)), LEAST), MOST[kind])
+    return min(max(ratio ** (1.0 / _slope(known, kind)), MIN_FACTOR), MAX_FACTOR[kind])
 
 
 def _slope(known: Sequence[Point], kind: str) -> float:
-    """Of the last two runs with errors, as far as it is plausible."""
+    """Return the slope of log error against log setting from the last two runs, clipped to ``SLOPES``."""
     errors = [(run.setting.value, run.error) for run in known if run.error]
     if len(errors) < 2:
         return USUAL[kind]
@@ -171,7 +173,7 @@ def _slope(known: Sequence[Point], kind: str) -> float:
 
 
 def rounded(value: float, before: float, kind: str) -> float:
-    """Two digits, finer than ``before``; a number of steps is whole."""
+    """Round a setting to two digits, finer than ``before``; a number of steps is whole."""
     if kind == "steps":
         count = math.ceil(float(f"{1.0 / value:.1e}"))
         return 1.0 / max(count, round(1.0 / before) + 1)

@@ -1,4 +1,4 @@
-"""Why a solver has no cost at an error, and what it would pay at least: what its finest run has paid.
+"""Reasons why a solver has no cost at an error, with a lower bound from its finest run.
 
 A target that was not reached is a censored cell.  A campaign asks every solver for every target, so there is always a
 reason: not supported, failed, no gain from finer settings, a limit of the campaign, or drift.
@@ -20,7 +20,7 @@ UNKNOWN = (NOT_RUN, "unjudged", "uncounted", *UNREFINED)  #: kinds that say noth
 
 @dataclass(frozen=True, kw_only=True)
 class Missing:
-    """Why one solver has no cost."""
+    """Reason why one solver has no cost at an error."""
 
     kind: str  #: "refused", "fails", "standstill", "capped" or "drifts"; or one of ``UNKNOWN``
     text: str
@@ -29,13 +29,13 @@ class Missing:
 
 
 def drifting(accurate: Sequence[Point], bound: float) -> Missing:
-    """All of the runs that are ``accurate`` enough drift too far."""
+    """Return the reason for a solver whose sufficiently ``accurate`` runs all drift more than ``bound``."""
     least = min(run.drift or 0.0 for run in accurate)
     return Missing(kind="drifts", text=f"drifts by {least:.1e} or more, above {bound:.0e}")
 
 
 def why_missing(runs: Sequence[Point], measure: str) -> Missing:
-    """From all runs of one solver on one problem, loosest first, none of which reaches the error."""
+    """Return the reason from all runs of one solver on one problem, loosest first, none of which reaches the error."""
     errors = [run.error for run in runs if run.error is not None]
     best = min(errors, default=None)
     if errors and not any(run.work(measure) for run in runs if run.error is not None):
@@ -46,7 +46,7 @@ def why_missing(runs: Sequence[Point], measure: str) -> Missing:
 
 
 def _reason(runs: Sequence[Point]) -> tuple[str, str]:
-    """Kind and text: as the ladder of settings ended; as the runs did where none was asked for this error."""
+    """Return kind and text of the End of the refinement, or a summary of the runs if it did not ask for this error."""
     finest = runs[-1]
     end = None if finest.rules is None else next_setting(runs, finest.rules, kind_of(finest))
     if isinstance(end, Next):
@@ -63,7 +63,7 @@ def _reason(runs: Sequence[Point]) -> tuple[str, str]:
 
 
 def _bound(runs: Sequence[Point], measure: str) -> float | None:
-    """Work of the finest run: being more accurate costs no less."""
+    """Return the work of the finest run, a lower bound since more accuracy costs no less; None if not known."""
     for run in reversed(runs):
         work = run.work(measure) if run.success else (run.spent if measure == "time" else run.evaluations)
         if work:

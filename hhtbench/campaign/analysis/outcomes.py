@@ -1,4 +1,4 @@
-"""What failed and why, on which machine, and which rows stand for cells that the store holds more than once."""
+"""Group failures by reason, list machines, and keep the newest of rows of the same cell."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NUMBER = re.compile(r"(?<!exit code )(?<![\w.])[-+]?\d+(?:\.\d*)?(?:e[-+]?\d+)?(
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """Runs that failed or were rejected for one reason: of one status, and messages that differ by numbers at most."""
+    """Failed or rejected runs with one reason: one status, and messages that differ in numbers at most."""
 
     status: str
     message: str  #: of the first
@@ -26,25 +26,25 @@ class Failure:
 
     @property
     def text(self) -> str:
-        """The message; said where those of the others have other numbers."""
+        """The first message, marked if the others have other numbers."""
         same = all(row.message == self.message for row in self.rows)
         return self.message if same else f"{self.message} (the first; numbers differ)"
 
     @property
     def reached(self) -> float | None:
-        """Largest fraction of the interval; None for runs whose result was rejected."""
+        """Largest fraction of the interval reached; None for runs whose result was rejected."""
         known = [] if self.status == DOUBTED else [point(row).reached for row in self.rows]
         return max((value for value in known if value is not None), default=None)
 
 
 def silent(rows: Iterable[RunRow]) -> tuple[str, ...]:
-    """Solvers that have successful runs and report the evaluations of none."""
+    """Return the solvers that have successful runs but report no evaluations."""
     groups = by_entry(point(row) for row in rows if row.success)
     return tuple(entry for entry, runs in groups.items() if all(run.evaluations is None for run in runs))
 
 
 def failures(rows: Iterable[RunRow]) -> tuple[Failure, ...]:
-    """Every run that failed or was rejected, by reason; declined runs come last."""
+    """Group all runs that failed or were rejected by reason; declined ones come last."""
     groups: dict[tuple[str, str], list[RunRow]] = {}
     for row in rows:
         if not row.success:
@@ -54,12 +54,12 @@ def failures(rows: Iterable[RunRow]) -> tuple[Failure, ...]:
 
 
 def statuses(rows: Iterable[RunRow]) -> dict[str, int]:
-    """How many rows ended with each status, most frequent first."""
+    """Count the rows by status, most frequent first."""
     return dict(Counter(row.status for row in rows).most_common())
 
 
 def machines(rows: Sequence[RunRow]) -> list[tuple[Mapping[str, Any], int]]:
-    """The environments that occur and how many rows were made in each, most rows first."""
+    """Return the environments that occur with their numbers of rows, most rows first."""
     kept = {str(sorted(row.environment.items())): row.environment for row in rows}
     counted = Counter(str(sorted(row.environment.items())) for row in rows)
     return [(kept[text], count) for text, count in counted.most_common()]
@@ -67,7 +67,7 @@ def machines(rows: Sequence[RunRow]) -> list[tuple[Mapping[str, Any], int]]:
 
 @dataclass(frozen=True, kw_only=True)
 class Newest:
-    """The rows to report, and what was left out."""
+    """Rows to report, and numbers of those left out."""
 
     rows: tuple[RunRow, ...]
     left_out: int  #: older rows of cells that exist more than once
@@ -76,7 +76,7 @@ class Newest:
 
 
 def newest(rows: Iterable[RunRow]) -> Newest:
-    """Of each (problem, solver, request) the row made last, in the order of first appearance."""
+    """Select the newest row of each (problem, solver, request), in the order of first appearance."""
     groups: dict[tuple[str, ...], list[RunRow]] = {}
     for row in rows:
         groups.setdefault((row.problem, row.solver, *(str(row.request.get(name)) for name in ASKED)), []).append(row)

@@ -18,7 +18,7 @@ from hhtbench.campaign.store.rows import RunRow
 
 @dataclass(frozen=True, kw_only=True)
 class Reach:
-    """One solver's way to one error on one problem."""
+    """Cost of one solver to reach one error on one problem."""
 
     problem: str
     target: float
@@ -29,7 +29,7 @@ class Reach:
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """A staircase: ``share`` of all pairs is reached within ``cost``."""
+    """Step function: the share ``share`` of all pairs is reached within ``cost``."""
 
     entry: str
     cost: tuple[float, ...]  #: rising
@@ -37,7 +37,7 @@ class Profile:
 
 
 def reaches(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = ()) -> tuple[Reach, ...]:
-    """One for each problem, error that can be judged, and solver of the rows; ``measure`` is "time" or "evaluations"."""
+    """Return one Reach per problem, judgeable error and solver; ``measure`` is "time" or "evaluations"."""
     found = points(rows)
     groups = by_problem(found)
     judged = {name: _judged(own, targets or targets_of(found)) for name, own in groups.items()}
@@ -51,7 +51,7 @@ def reaches(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = ())
 
 
 def _judged(groups: Mapping[str, Sequence[Point]], targets: Sequence[float]) -> list[float]:
-    """The errors that the problem's reference can judge; none where nothing is known of it."""
+    """Return the errors that the problem's reference can judge; none if no run was compared."""
     runs = [run for own in groups.values() for run in own]
     if all(run.error is None and run.doubted is None for run in runs):
         return []
@@ -64,7 +64,7 @@ def _reach(runs: Sequence[Point], measure: str, target: float, weight: float) ->
 
 
 def profiles(found: Iterable[Reach]) -> tuple[Profile, ...]:
-    """One for each solver."""
+    """Return one profile per solver, by the cost of its runs."""
     reached: dict[str, list[Reach]] = {}
     for reach in found:
         reached.setdefault(reach.entry, []).extend([reach] if reach.cost is not None else [])

@@ -1,4 +1,4 @@
-"""A solve from one jump of a prescribed velocity to the next, with the impulse of the constraints between them."""
+"""Solve piecewise between jumps of a prescribed velocity, with the impulse of the constraints at each jump."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ SHORTEST_BUDGET = 1e-3  # s: of a piece that begins when the time is up, and end
 def solve_across(
     problem: Problem, solver: str, jumps: Jumps, times: Vector, *, rtol: float, seconds: float | None
 ) -> Solution:
-    """Rows at ``times`` (k,), in the direction of the motion, none of which is that of a jump, within ``seconds`` [s].
+    """Integrate from jump to jump with output at ``times`` (k,), none of which is a jump's, within ``seconds`` [s].
 
-    Where a piece fails its own solution comes back.
+    ``times`` run in the direction of the motion.  If a piece fails, its own solution is returned.
     """
     if not jumps.times.size:
         return solve(problem, solver, rtol=rtol, t_eval=times, max_seconds=seconds)

@@ -1,7 +1,7 @@
-"""``--reference auto``: a problem that nobody knows the truth of is certified before its solvers are compared.
+"""``--reference auto``: certify a problem without known solution before its solvers are compared.
 
-Two method families on two forms must agree, as for the library's references; how far they do is the reference's error bar.
-Nothing is certified twice: the file's name is a digest of what the result rests on.
+Two method families on two forms must agree, as for the library's references; their difference is the reference's error bar.
+Nothing is certified twice: the file's name is a digest of what the result depends on.
 """
 
 from __future__ import annotations
@@ -23,22 +23,22 @@ from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import Problem, declared
 from hhtbench.runtime.processes import Inline, worker_processes
 
-GRID = 40  # equal pieces of the interval at whose ends something is known
+GRID = 40  # equal pieces of the interval; the reference has a row at each end
 SECONDS = 120.0  # default limit of each solve
 RTOL = 1e-11  # of all but the explicit method: those of many steps gain nothing from smaller ones
 GGL, INDEX1 = "collocation(form=ggl)", "collocation(form=index1)"
 EXPLICIT, IDA, CVODE = "projected(method=DOP853)", "ida(form=index1)", "cvode(form=ode, method=bdf)"
-MAX_DECAY = 1e5  # times that the fastest mode may decay in the interval before an explicit method takes too many steps
+MAX_DECAY = 1e5  # decay times of the fastest mode in the interval, above which an implicit method is tried first
 CHAOS = ". A shorter span may have a reference: of chaotic motion nobody knows a long one"  #: where methods arrive apart
 
 
 def certified(
     specs: Mapping[str, str], folder: Path, jobs: int, tell: Callable[[str], None], seconds: float = SECONDS
 ) -> tuple[dict[str, Path], dict[str, str]]:
-    """For every problem of ``specs`` (spec -> digest of what it rests on) its file in ``folder``, and why others have none.
+    """Certify problems; return spec -> certificate file in ``folder``, and spec -> reason for those without one.
 
-    Problems with a closed solution or a reference of their own are left out.  A solve may take ``seconds`` [s].  With 0
-    ``jobs`` all is solved in this process.
+    ``specs`` maps each spec to the digest of what it depends on.  Problems with a closed solution or a reference of their
+    own are left out.  A solve may take ``seconds`` [s].  With ``jobs`` 0 all is solved in this process.
     """
     files = {spec: file_of(digest, folder) for spec, digest in specs.items()}
     missing = [spec for spec, file in files.items() if not file.is_file()]
@@ -62,7 +62,7 @@ def certified(
 
 
 def file_of(digest: str, folder: Path) -> Path:
-    """Where the certificate lies that rests on what ``digest`` is of."""
+    """Return the certificate's file for a ``digest`` of what it depends on."""
     return folder / f"{digest[:16]}.json"
 
 
@@ -70,7 +70,7 @@ KNOWN = "the problem brings its own"  #: reason of :func:`certify_one` for probl
 
 
 def certify_one(spec: str, file: Path, seconds: float = SECONDS) -> str:
-    """Write the certificate of ``spec`` to ``file``; why not, or ""."""
+    """Write the certificate of ``spec`` to ``file``; return "" or the reason why there is none."""
     try:
         problem = load_problem(spec)
     except (ProblemError, TypeError) as error:
@@ -99,7 +99,7 @@ def certify_one(spec: str, file: Path, seconds: float = SECONDS) -> str:
 
 
 def methods_for(problem: Problem) -> list[tuple[str, tuple[str, ...]]]:
-    """First and second solvers in the order of trial, of two families on two forms; what is refused is passed over."""
+    """Return pairs of first and second solvers to try in order, of two method families on two forms."""
     constrained = any(declared(problem.system, name) is not None for name in ("constraint", "velocity_constraint"))
     first = GGL if constrained else INDEX1  # without constraints there is no ggl
     explicit = [(form, (EXPLICIT,)) for form in dict.fromkeys((first, INDEX1))]
@@ -109,7 +109,7 @@ def methods_for(problem: Problem) -> list[tuple[str, tuple[str, ...]]]:
 
 
 def _decays(problem: Problem) -> bool:
-    """Whether a mode decays more than ``MAX_DECAY`` times in the interval, judged at the start."""
+    """True if a mode decays more than ``MAX_DECAY`` times in the interval, estimated at the start."""
     with suppress(Exception):  # a user's functions: what is wrong with them the solvers say
         equations, (t0, t1) = Equations(problem), problem.t_span
         rate, damping = equations.fastest_mode(equations.acceleration(t0, problem.q0, problem.v0))
@@ -118,7 +118,7 @@ def _decays(problem: Problem) -> bool:
 
 
 def reference_of(file: Path) -> dict[str, Any]:
-    """The rows of a certificate as :class:`~hhtbench.Problem` holds them."""
+    """Read a certificate as the ``reference`` of a :class:`~hhtbench.Problem`."""
     stored = read_certificate(file)
     count = stored["t"].size
     values = {key: stored["values"].get(key, np.zeros((count, 0))) for key in ("q", "v", "lam", "mu")}

@@ -1,4 +1,4 @@
-"""Certified references as files."""
+"""Build certified references and write their files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hhtbench.runtime.progress import Bar, Lines
 
 
 def build(entries: Sequence[Entry], folder: Path, jobs: int, shown: Lines | Bar) -> list[dict[str, Any]]:
-    """Write the certificates of ``entries`` into ``folder``; what became of each, as plain values."""
+    """Write the certificates of ``entries`` into ``folder``; return name, digits and outcome of each as plain values."""
     folder.mkdir(parents=True, exist_ok=True)
     built: list[dict[str, Any]] = []
     with worker_processes(jobs, fresh=True) as pool:
@@ -41,7 +41,7 @@ def _facts(certificate: Certificate, file: str) -> dict[str, Any]:
 
 
 def line_of(certificate: Certificate) -> str:
-    """Digits, and how its confirmations ended."""
+    """Format a certificate's digits and the outcomes of its confirmations as one line."""
     digits: dict[str, Any] = {name: f"{certificate.digits(name):.1f}" for name in certificate.values}
     text = ", ".join(f"{name} {count}" for name, count in digits.items())
     ended = "; ".join(f"{other.solver} {other.status} in {other.seconds:.1f} s" for other in certificate.confirmations)

@@ -1,4 +1,4 @@
-"""One certified solution: several solvers at tight tolerance, the stored values, and how far the others are from them."""
+"""Certify one solution: solve by several methods at tight tolerances and take their differences as error bars."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ QUANTITIES = ("q", "v", "lam", "mu")
 SAFETY = 2.0  # two results may lie on one side of the truth
 FLOOR = 8 * float(np.finfo(np.float64).eps)  # smallest bar: the last bits of a stored double
 CLOSED = "closed solution"
-WORST_BAR = 1e-5  # scaled: what is less certain is not a reference
-NOTHING = 1e-9  # an observable that stays below is zero but for errors
+WORST_BAR = 1e-5  # largest scaled error bar of a reference
+NOTHING = 1e-9  # an observable that stays below is zero up to errors
 SAME_TIME = 1e-12  # of the interval: times that differ by rounding
 
 
 class UnknownJumpError(ProblemError):
-    """What a jump does to the motion is not known."""
+    """The effect of a jump of a prescribed velocity on the motion is not known."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Confirmation:
-    """One other solver beside the stored values."""
+    """Comparison of another solver with the stored values."""
 
     solver: str
     form: str
@@ -44,13 +44,13 @@ class Confirmation:
 
     @property
     def confirms(self) -> bool:
-        """Whether its difference bounds the error."""
+        """True if it is independent and succeeded, so that its difference bounds the error."""
         return self.independent and bool(self.difference)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Certificate:
-    """Values at all times with their error bars."""
+    """Reference values at all times with their error bars."""
 
     entry: Entry
     t: Vector  #: (k,) [s]
@@ -62,26 +62,26 @@ class Certificate:
 
     @property
     def certified(self) -> bool:
-        """Whether an independent method agrees to at least WORST_BAR in q and v."""
+        """True if an independent method agrees to at least ``WORST_BAR`` in q and v."""
         return all(float(np.max(self.bars[name])) <= WORST_BAR for name in ("q", "v"))
 
     def digits(self, quantity: str) -> float:
-        """Decimal digits of ``quantity`` that its largest bar leaves."""
+        """Return the decimal digits of ``quantity`` that its largest error bar leaves."""
         return float(-np.log10(np.max(self.bars[quantity], initial=FLOOR)))
 
 
 def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Certificate:
     """Solve with every method of the entry and compare, piece by piece where prescribed velocities jump.
 
-    A closed solution counts as an independent method.  The bar also covers what the last bit of the start does to the stored
-    values: a start is known to a double only.
+    A closed solution counts as an independent method.  The bar also covers the effect of the last bit of the start, which
+    is known to double precision only.
 
     Raises
     ------
     ProblemError
         The first solver does not reach the end, so there is nothing to store.
     UnknownJumpError
-        What a jump does to the motion is not known.
+        The effect of a jump on the motion is not known.
     """
     problem = load_problem(entry.spec)
     jumps, times = find_jumps(problem), times_of(entry, problem)
@@ -110,7 +110,7 @@ def certify(entry: Entry, tell: Callable[[str], None] = lambda text: None) -> Ce
 
 
 def times_of(entry: Entry, problem: Problem) -> Vector:
-    """Stated times and grid in the direction of the motion, each once; it wins over an equal point of the grid."""
+    """Merge the stated times and the grid in the direction of the motion; a stated time replaces an equal grid point."""
     t0, t1 = problem.t_span
     stated = np.array(entry.times, dtype=np.float64)
     outside = stated[(stated < min(t0, t1)) | (stated > max(t0, t1))]
@@ -123,7 +123,7 @@ def times_of(entry: Entry, problem: Problem) -> Vector:
 
 
 def values_of(problem: Problem, solution: Solution) -> dict[str, Matrix]:
-    """Everything a reference holds, (k, size) each; quantities without entries are left out."""
+    """Return all quantities of a reference, (k, size) each; quantities without entries are left out."""
     found = {name: np.asarray(getattr(solution, name)) for name in QUANTITIES}
     found = {name: values for name, values in found.items() if values.shape[1]}
     rows = list(zip(solution.t, solution.q, solution.v, solution.lam, strict=True))
@@ -133,7 +133,7 @@ def values_of(problem: Problem, solution: Solution) -> dict[str, Matrix]:
 
 
 def scales_of(problem: Problem, values: dict[str, Matrix]) -> dict[str, Vector]:
-    """Typical sizes: the problem's, and the largest value of an observable."""
+    """Return typical sizes of all quantities: the problem's scales, and the largest value of an observable."""
     scales = {}
     for name, rows in values.items():
         own = getattr(problem.scales, name, None)
@@ -144,7 +144,7 @@ def scales_of(problem: Problem, values: dict[str, Matrix]) -> dict[str, Vector]:
 
 @dataclass(frozen=True, kw_only=True)
 class _Case:
-    """One entry being certified."""
+    """Data of one entry while it is being certified."""
 
     entry: Entry
     problem: Problem
@@ -153,14 +153,14 @@ class _Case:
     tell: Callable[[str], None]
 
     def solved(self, problem: Problem, solver: str, rtol: float) -> tuple[Solution, float]:
-        """A solve with output at the times of the reference, and its seconds."""
+        """Solve with output at the times of the reference; return the solution and the seconds it took."""
         self.tell(f"{self.entry.name}: {solver}")
         started = time.perf_counter()
         solution = solve_across(problem, solver, self.jumps, self.times, rtol=rtol, seconds=self.entry.seconds)
         return solution, time.perf_counter() - started
 
     def confirmation(self, solver: str, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
-        """Another solver beside the stored values."""
+        """Compare the result of another solver with the stored values."""
         solution, seconds = self.solved(self.problem, solver, self.entry.second_rtol)
         mine, other = load_solver(self.entry.first), load_solver(solver)
         forms = str(getattr(mine, "form", "")), str(getattr(other, "form", ""))
@@ -174,7 +174,7 @@ class _Case:
         )
 
     def closed(self, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
-        """The closed solution beside the stored values."""
+        """Compare the closed solution with the stored values."""
         exact = self.problem.exact
         motions = [] if exact is None else [exact(float(t)) for t in self.times]
         solution = _as_solution(self.times, motions)
@@ -182,7 +182,7 @@ class _Case:
         return Confirmation(solver=CLOSED, form="", independent=True, status="success", difference=difference, seconds=0.0)
 
     def moved_start(self, values: dict[str, Matrix], scales: dict[str, Vector]) -> Confirmation:
-        """The first solver again from a start whose entries are moved to a neighbouring double, up and down in turn."""
+        """Run the first solver again from a start moved to neighbouring doubles, alternately up and down, and compare."""
         sign = np.where(np.arange(self.problem.q0.size) % 2, -np.inf, np.inf)
         q0, v0 = _neighbour(self.problem.q0, sign), _neighbour(self.problem.v0, -sign)
         solution, seconds = self.solved(replace(self.problem, q0=q0, v0=v0), self.entry.first, self.entry.rtol)
@@ -197,7 +197,7 @@ class _Case:
 
 
 def _neighbour(x: Vector, direction: Vector) -> Vector:
-    """The next double towards ``direction``; zeros are exact and stay."""
+    """Return the next double towards ``direction``; zeros are exact and stay."""
     return np.where(x == 0, x, np.nextafter(x, direction))
 
 
@@ -214,16 +214,17 @@ FAMILIES = {"Radau": "Radau IIA", "radau": "Radau IIA", "bdf": "BDF", "BDF": "BD
 
 
 def _family(solver: Any) -> str:
-    """Two codes of one method are one family."""
+    """Return the method family of a solver; two codes of one method are one family."""
     method = str(getattr(solver, "method", solver.name))
     return FAMILIES.get(method, method)
 
 
 def _bar(name: str, others: list[Confirmation], count: int) -> Vector:
-    """Error bar at every time, not smaller than before it; infinite where nobody confirms.  The last is the moved start.
+    """Return the error bar at every time, nondecreasing in time; infinite if nothing confirms.  The last entry is the
+    moved start.
 
-    The distance to the closed solution where there is one, since that is the error; else SAFETY times the closest
-    independent disagreement; and what the last bit of the start does.
+    It is the distance to the closed solution if there is one, since that is the error; else SAFETY times the smallest
+    difference of an independent solver; and in both cases at least the effect of the last bit of the start.
     """
     closed = [other for other in others if other.solver == CLOSED]
     found = [other.difference[name] for other in closed or others if other.confirms]

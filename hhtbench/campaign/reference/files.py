@@ -1,4 +1,4 @@
-"""Reference files: JSON with every value as the shortest decimal that gives the same double, and the bars."""
+"""Reference files: JSON with every value as the shortest decimal that gives the same double, and the error bars."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SCHEMA = "hhtbench.reference/1"
 
 
 def write_certificate(certificate: Certificate, folder: Path) -> Path:
-    """Write ``<name>.json``; the file is replaced only as a whole."""
+    """Write ``<name>.json`` atomically; returns its path."""
     entry = certificate.entry
     stored: dict[str, Any] = {
         "schema": SCHEMA,
@@ -53,7 +53,7 @@ def write_certificate(certificate: Certificate, folder: Path) -> Path:
 
 
 def _rounded_up(bar: float) -> float:
-    """Two significant digits, not below ``bar``."""
+    """Round an error bar up to two significant digits."""
     if not math.isfinite(bar) or bar <= 0:
         return bar
     unit = 10.0 ** (math.floor(math.log10(bar)) - 1)
@@ -61,18 +61,20 @@ def _rounded_up(bar: float) -> float:
 
 
 def read_certificate(file: Path) -> dict[str, Any]:
-    """The stored file, its numbers as arrays.
+    """Read a reference file, with its numbers as arrays.
 
     Raises
     ------
     ProblemError
         There is no such file, or it is not a reference file.
     """
+    known = sorted(other.stem for other in file.parent.glob("*.json")) if not file.is_file() else []
+    if known:
+        raise ProblemError(f"there is no reference {file.stem}.{did_you_mean(file.stem, known)} Stored: {', '.join(known)}.")
     try:
         stored = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, json.JSONDecodeError) as error:
-        hint = did_you_mean(file.stem, [other.stem for other in file.parent.glob("*.json")])
-        raise ProblemError(f"the reference {file.name} cannot be read: {error}.{hint}") from error
+        raise ProblemError(f"the reference {file.name} cannot be read: {error}.") from error
     if not isinstance(stored, dict) or stored.get("schema") != SCHEMA:
         raise ProblemError(f"{file.name} is not a reference file ({SCHEMA}); build it with `hhtbench reference build`.")
     for key in ("values", "scales", "bars"):

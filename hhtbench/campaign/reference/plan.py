@@ -1,4 +1,4 @@
-"""What is to be certified: problem, times and the methods that must agree."""
+"""Plan of the references to certify: problem, times and the methods that must agree."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SECOND_RTOL = 3e-14  # the others lose more of their tolerance on the way; SciPy
 
 @dataclass(frozen=True, kw_only=True)
 class Entry:
-    """One reference solution."""
+    """One reference solution to certify."""
 
     name: str  #: name of its file, without .json
     spec: str  #: the problem, its interval long enough for every time
@@ -34,12 +34,12 @@ class Entry:
 
 
 def load_plan(file: Path) -> dict[str, Entry]:
-    """The entries of a TOML file: one table ``[name]`` each.
+    """Read the entries of a TOML file, one table ``[name]`` each.
 
     Raises
     ------
     ProblemError
-        The file cannot be read, or an entry has an unknown or no spec or times.
+        The file cannot be read, or an entry lacks spec or times or has an unknown key.
     """
     try:
         tables = tomllib.loads(file.read_text(encoding="utf-8"))
@@ -49,7 +49,7 @@ def load_plan(file: Path) -> dict[str, Entry]:
 
 
 def registered_plans() -> dict[str, Entry]:
-    """The entries of every plan that a distribution registers."""
+    """Return the entries of every plan that a distribution registers."""
     found: dict[str, Entry] = {}
     for name in plugins.names("reference"):
         found |= load_plan(plugins.load("reference", name))
@@ -57,7 +57,7 @@ def registered_plans() -> dict[str, Entry]:
 
 
 def registered_folder() -> Path:
-    """Where the first registered distribution keeps its reference files: beside its plan."""
+    """Return the folder of the first registered plan, which holds its reference files."""
     known = plugins.names("reference")
     if not known:
         raise NotFoundError("no distribution registers references; name a folder.")
@@ -65,12 +65,12 @@ def registered_folder() -> Path:
 
 
 def validated_spec(problem: str, plan: dict[str, Entry]) -> str:
-    """What ``validate --all`` solves for the registered name ``problem``: itself, or what the plan names instead."""
+    """Return the spec that ``validate --all`` solves for a registered problem: its name, or the plan's replacement."""
     return next((e.validate for e in plan.values() if e.validate and e.spec.partition("(")[0] == problem), problem)
 
 
 def choose(plan: dict[str, Entry], names: tuple[str, ...]) -> list[Entry]:
-    """The entries called ``names``, or those of the problems called so; all where none is named."""
+    """Return the entries called ``names``, or those of the problems called so; all if ``names`` is empty."""
     found: list[Entry] = []
     for name in names or tuple(plan):
         own = [entry for entry in plan.values() if name in (entry.name, entry.spec, entry.spec.partition("(")[0])]

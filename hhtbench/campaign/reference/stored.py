@@ -1,4 +1,4 @@
-"""What stored references say, and whether they come out again."""
+"""Print stored references and check whether a new computation reproduces them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hhtbench.protocol.evidence import Row
 
 
 def recomputed(entry: Entry, folder: Path | None) -> list[Row]:
-    """One row a quantity: the new disagreement against the stored bar."""
+    """Certify an entry again and compare with the stored values: one row per quantity."""
     stored = read_certificate(folder_of(folder) / f"{entry.name}.json")
     again = certify(entry)
     if not np.array_equal(stored["t"], again.t):
@@ -41,7 +41,7 @@ def recomputed(entry: Entry, folder: Path | None) -> list[Row]:
 
 
 def text_of(stored: dict[str, Any]) -> str:
-    """Digits, methods and error bars at the stated times of a certificate that was read."""
+    """Format a stored certificate: digits, methods and error bars at the stated times."""
     heads = ["confirmed by", "form", "status", *(f"difference in {quantity}" for quantity in stored["values"])]
     rows = [
         [other["solver"], other["form"], other["status"], *(other["largest_difference"].get(q) for q in stored["values"])]
@@ -58,7 +58,7 @@ def text_of(stored: dict[str, Any]) -> str:
 
 
 def folder_of(folder: Path | None) -> Path:
-    """``folder``, or the library's own."""
+    """Return ``folder``, or the library's own if None; raise if it does not exist."""
     if folder is not None and not folder.is_dir():
         raise ProblemError(f"there is no folder {folder} with references; build some with `hhtbench reference build`.")
     return registered_folder() if folder is None else folder

@@ -1,4 +1,4 @@
-"""A row as the texts of its columns, and their hash."""
+"""Convert a row to the texts of its columns and back, and hash them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ COLUMNS = (
 
 
 def row_of(texts: list[Any]) -> RunRow | None:
-    """The row whose columns hold these bytes; None where they hold none."""
+    """Decode the bytes of the columns to a row; None if they are damaged."""
     try:
         found = dict(zip(COLUMNS, texts, strict=True))
         found[PACKED] = zlib.decompress(found[PACKED])
@@ -42,7 +42,7 @@ def row_of(texts: list[Any]) -> RunRow | None:
 
 
 def texts_of(row: RunRow, identity: str) -> list[str | bytes]:
-    """The columns as text, ``PACKED`` as bytes; a number that is not finite is a mistake of the caller."""
+    """Encode a row as text columns, ``PACKED`` as bytes; a number that is not finite is an error of the caller."""
     values: dict[str, Any] = {**vars(row), "identity": identity}
     texts = [json.dumps(values[k], allow_nan=False) if k in JSON_COLUMNS else str(values[k]) for k in COLUMNS]
     content = [text.encode("utf-8", "backslashreplace") for text in texts]  # names of files need not be UTF-8
@@ -50,7 +50,7 @@ def texts_of(row: RunRow, identity: str) -> list[str | bytes]:
 
 
 def hash_of(texts: Iterable[Any]) -> str:
-    """Over the lengths and texts, so that nothing moves from one column into the next."""
+    """Hash the columns' lengths and texts; the lengths prevent that text moves between columns unnoticed."""
     digest = hashlib.sha256()
     for text in texts:
         content = text.encode() if isinstance(text, str) else text if isinstance(text, bytes) else repr(text).encode()
@@ -59,5 +59,5 @@ def hash_of(texts: Iterable[Any]) -> str:
 
 
 def shown(value: Any) -> str:
-    """What a damaged column holds, as text."""
+    """Decode the content of a damaged column as text."""
     return value.decode(errors="replace") if isinstance(value, bytes) else str(value)

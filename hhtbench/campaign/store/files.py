@@ -1,4 +1,4 @@
-"""The file of a store and the lock beside it, before SQLite sees either."""
+"""The file of a store and its lock file, before SQLite opens either."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hhtbench.protocol.errors import ProblemError
 
 
 def store_file(path: Any) -> Path:
-    """``path`` as that of a file, which need not be there.
+    """Check ``path`` as that of a store's file, which need not exist, and return it.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def store_file(path: Any) -> Path:
 
 
 def take_lock(path: Path) -> Any:
-    """Hold ``<store>.lock``; the system lets go of it when this process ends, however it ends.
+    """Lock ``<store>.lock`` exclusively; the system releases the lock when this process ends, however it ends.
 
     ``path`` is the file itself, not a link to it: else two runners through two names would both write.
     """
@@ -57,17 +57,17 @@ def take_lock(path: Path) -> Any:
 
 
 def leave_count(lock: Any, database: Any) -> None:
-    """Write into the lock file how often the database's file has been changed: an older copy has been less often."""
+    """Write the database's count of changes into the lock file; an older copy of the database has a smaller count."""
     with suppress(OSError):  # what is counted is on the disk
         os.pwrite(lock.fileno(), b"changes %10d\n" % count_of_changes(database), 0)
 
 
 def left_count(lock: Any) -> int:
-    """What the last runner left there; 0 where it left nothing."""
+    """Return the count of changes that the last runner left in the lock file; 0 if none."""
     found = re.match(rb"changes +(\d+)\n", os.pread(lock.fileno(), 64, 0))
     return int(found[1]) if found else 0
 
 
 def count_of_changes(database: Any) -> int:
-    """SQLite's own count of the transactions that changed an open file (sqlite.org/fileformat2.html, 1.3.7)."""
+    """Return SQLite's own count of the transactions that changed an open file (sqlite.org/fileformat2.html, 1.3.7)."""
     return int.from_bytes(os.pread(database.fileno(), 4, 24), "big")

@@ -1,4 +1,4 @@
-"""Reads all that a store's file still tells, and says what it does not."""
+"""Read everything that can be read from a store's file, and report damage."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from hhtbench.protocol.errors import ProblemError
 VERSION = 2
 ERRORS = (sqlite3.Error, UnicodeDecodeError)  # the second: Python cannot word SQLite's message about damaged names
 DAMAGE = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB, sqlite3.SQLITE_ERROR)  # the last: a table's name is not found
-MOST_NAMED = 8  # damaged rows that are told one by one
+MOST_NAMED = 8  # damaged rows that a message names
 SELECT = f"SELECT rowid, {', '.join((*COLUMNS, 'sha256'))} FROM runs"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """What was found in a file."""
+    """Rows read from a file, and its damage."""
 
     sound: tuple[tuple[str, RunRow], ...]  #: identity and row, those that match their hash
     damaged: tuple[str, ...]  #: the rows that do not or cannot be read, by name as far as that can be read
@@ -29,12 +29,12 @@ class Reading:
 
     @property
     def whole(self) -> bool:
-        """Nothing is missing."""
+        """True if nothing is damaged."""
         return not self.damaged and not self.fault
 
     @property
     def losses(self) -> str:
-        """What could not be read, as a sentence."""
+        """Describe what could not be read, as a sentence."""
         if not self.damaged and not self.sound and self.fault:
             return f"none of its rows can be read ({self.fault})"
         if not self.damaged:
@@ -44,19 +44,19 @@ class Reading:
         return f"{count} {'row' if count == 1 else 'rows'} cannot be read: {names}"
 
     def warning(self, path: Any) -> str:
-        """What to say of the file ``path`` and to do about it, "" where nothing is missing."""
+        """Return a warning about damage of the file ``path`` with the advice, "" if there is none."""
         return "" if self.whole else f"{path} is damaged: {self.losses}; run the campaign again."
 
 
 def damage(error: Exception) -> str:
-    """What is damaged, as a sentence; a lock, a full disk or a file out of reach is no damage and raised again."""
+    """Describe an SQLite error as damage of the file; re-raise a lock, a full disk or an unreachable file."""
     if isinstance(error, sqlite3.Error) and getattr(error, "sqlite_errorcode", 0) & 0xFF not in DAMAGE:
         raise error
     return str(error) if isinstance(error, sqlite3.Error) else "damaged names in its schema"
 
 
 def found_version(connection: sqlite3.Connection) -> str | None:
-    """The version that the file says it is of; None where it says none."""
+    """Return the version of the store's schema; None if the file states none."""
     try:
         found = connection.execute("SELECT value FROM meta WHERE name = 'version'").fetchone()
     except ERRORS as error:
@@ -66,16 +66,16 @@ def found_version(connection: sqlite3.Connection) -> str | None:
 
 
 def refuse_other_version(connection: sqlite3.Connection, path: Path) -> None:
-    """Raise for a store that another hhtbench has written, before anything is read from it or written into it."""
+    """Raise for a store of another schema version, before anything is read from it or written into it."""
     found = found_version(connection)
     if found is not None and found != str(VERSION):
         raise ProblemError(f"{path} is a store of version {found}, this hhtbench knows version {VERSION}; use a new file.")
 
 
 def read(connection: sqlite3.Connection) -> Reading:
-    """Every row of the table; where SQLite stops at a damaged page, the rows behind it one by one.
+    """Read every row of the table; behind a damaged page, read the rows one by one.
 
-    The connection gives bytes for text.
+    The connection must return bytes for text.
     """
     fault = _fault(connection)
     sound: list[tuple[str, RunRow]] = []
@@ -118,7 +118,7 @@ def _sort_in(found: tuple[Any, ...], sound: list[tuple[str, RunRow]], damaged: l
 
 
 def _name(rowid: int, columns: dict[str, Any]) -> str:
-    """Problem, solver and request of a damaged row, as far as they are there."""
+    """Name a damaged row by problem, solver and request, as far as they can be read."""
     names = [shown(columns[name])[:80] for name in ("problem", "solver") if columns[name] is not None]
     try:
         asked = json.loads(columns["request"])
@@ -129,7 +129,7 @@ def _name(rowid: int, columns: dict[str, Any]) -> str:
 
 
 def _rowids(connection: sqlite3.Connection) -> set[int]:
-    """Numbers of all rows, from the indexes and from both ends of the table, each as far as it can be read."""
+    """Return the numbers of all rows, from the indexes and from both ends of the table, as far as each can be read."""
     found: set[int] = set()
     for how in (
         "runs INDEXED BY sqlite_autoindex_runs_1 ORDER BY key",

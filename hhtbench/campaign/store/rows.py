@@ -1,4 +1,4 @@
-"""``RunRow``: one finished cell of a campaign, as the store keeps it and the report reads it."""
+"""``RunRow``: one finished cell of a campaign, as the store holds it and the report reads it."""
 
 from __future__ import annotations
 

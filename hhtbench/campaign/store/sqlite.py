@@ -46,10 +46,10 @@ class Entry:
 
 
 class Store:
-    """Rows of one file; a context manager.  While it is open no other runner can open it, by whatever link.
+    """Rows of one SQLite file; a context manager.  While it is open no other runner can open it, by whatever link.
 
-    Opening checks the file and every row's hash.  A damaged file is set aside as it is; what can be read of it goes into
-    a new one, and what cannot is said in :attr:`repairs`: those cells run again.
+    Opening checks the file and every row's hash.  A damaged file is renamed; what can be read of it goes into a new
+    one, and the loss is described in :attr:`repairs`: those cells run again.
 
     Raises
     ------
@@ -82,13 +82,13 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Close the file and let another runner have it."""
+        """Close the file and release its lock."""
         self._connection.close()
         self._bytes.close()
         self._lock.close()
 
     def get(self, key: str) -> RunRow | None:
-        """The row of ``key``, or None."""
+        """Return the row with ``key``, or None."""
         names = ", ".join((*COLUMNS, "sha256"))
         try:
             found = self._connection.execute(f"SELECT {names} FROM runs WHERE key = ?", (key,)).fetchone()
@@ -97,11 +97,11 @@ class Store:
         return None if found is None or hash_of(found[:-1]) != shown(found[-1]) else row_of(list(found[:-1]))
 
     def put(self, row: RunRow, identity: str) -> None:
-        """Write ``row`` in the place of one of the same key, if there is one; see :meth:`write`."""
+        """Write ``row``, replacing one of the same key; see :meth:`write`."""
         self.write([Entry(row=row, identity=identity, replaces=True)])
 
     def write(self, entries: Iterable[Entry]) -> list[RunRow]:
-        """Write rows; all are on the disk when this returns.  A key is written once: the first row of it stays.
+        """Write rows; all are on the disk when this returns.  The first row of a key stays, unless ``replaces`` is set.
 
         Returns
         -------
@@ -124,7 +124,9 @@ class Store:
         return differing
 
     def _find_older(self, left: int) -> None:
-        """Tell a file that has been changed less often than the ``left`` times after which the last runner left it."""
+        """Record in :attr:`repairs` if the file has fewer changes than the ``left`` ones of the last runner (an older
+        copy).
+        """
         now = count_of_changes(self._bytes)
         if not self.repairs and now < left:
             text = (
@@ -134,7 +136,7 @@ class Store:
         leave_count(self._lock, self._bytes)
 
     def _write(self, entry: Entry) -> bool:
-        """False where another result is there, which stays."""
+        """Write one row; return False if a different result of the same key is there, which stays."""
         row = entry.row
         first = None if entry.replaces else self.get(row.key)
         if first is not None:
@@ -145,7 +147,7 @@ class Store:
         return True
 
     def _open(self) -> sqlite3.Connection:
-        """A connection to a sound file: the one that is there, or a new one with the rows saved from it."""
+        """Open a connection to an undamaged file: the existing one, or a new one with the rows saved from it."""
         if self._file.exists() and self._file.stat().st_size == 0:  # touched, or cut off: that cannot be told apart
             self.repairs = ("the file is empty; if it has held rows, they are gone and their cells run again.",)
         reading = _peek(self._file)
@@ -154,7 +156,9 @@ class Store:
         return self._rescue(reading)
 
     def _rescue(self, reading: Reading) -> sqlite3.Connection:
-        """Set the damaged file aside and put a new one with the sound rows in its place, once that is complete."""
+        """Write the undamaged rows to a new file and, once complete, put it in the place of the damaged file, which is
+        renamed.
+        """
         stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S%f")
         fresh = self._file.with_name(f"{self._file.name}.rescue-{stamp}")
         try:
@@ -185,10 +189,10 @@ class Store:
 
 
 def load_rows(path: str | Path) -> list[RunRow]:
-    """The sound rows of a store, in the order in which their cells came in first.
+    """Return the undamaged rows of a store, in the order in which their cells first came in.
 
-    Nothing is written but what a killed runner left undone.  Rows that cannot be read are left out, with a warning that
-    names them.
+    Nothing is written except the roll-back of a killed runner's transaction.  Damaged rows are left out, with a warning
+    that names them.
 
     Raises
     ------
@@ -202,13 +206,13 @@ def load_rows(path: str | Path) -> list[RunRow]:
 
 
 def sound_rows(path: str | Path) -> tuple[list[RunRow], str]:
-    """Rows as :func:`load_rows` gives them, and what could not be read, as a sentence, "" where all could."""
+    """Return the rows as :func:`load_rows`, and a sentence on what could not be read, "" if all could."""
     reading = read_store(path)
     return [row for _, row in reading.sound], reading.warning(path)
 
 
 def read_store(path: str | Path) -> Reading:
-    """All that a store tells, as :func:`load_rows` reads it, and what is damaged.
+    """Read a store as :func:`load_rows`, with a description of its damage.
 
     Raises
     ------
@@ -225,7 +229,7 @@ def read_store(path: str | Path) -> Reading:
 
 
 def _peek(path: Path) -> Reading | None:
-    """What is in the file, without a change to it; None where there is nothing yet.
+    """Read a file without changing it; None if it does not exist or is empty.
 
     Raises
     ------
@@ -253,7 +257,7 @@ def _peek(path: Path) -> Reading | None:
 
 
 def _refuse_another_kind(path: Path, *, begun: bool = False) -> None:
-    """Raise for a file that has hardly anything of a database's header; of one just begun it may not be there yet."""
+    """Raise if the file does not start like an SQLite database; one just begun may have no header yet."""
     with path.open("rb") as file:
         start = file.read(len(HEADER))
     if begun and not any(start):
@@ -263,7 +267,7 @@ def _refuse_another_kind(path: Path, *, begun: bool = False) -> None:
 
 
 def _tables(connection: sqlite3.Connection) -> set[str] | None:
-    """Names of all tables; None where that cannot be read."""
+    """Return the names of all tables; None if they cannot be read."""
     try:
         return {shown(name) for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
     except ERRORS as error:
@@ -272,7 +276,7 @@ def _tables(connection: sqlite3.Connection) -> set[str] | None:
 
 
 def _connect_existing(path: Path) -> sqlite3.Connection:
-    """For reading; writable where it can be, since only then can SQLite roll back what a killed runner had begun."""
+    """Open an existing file for reading; writable if possible, so that SQLite can roll back a killed runner's work."""
     uri = path.resolve().as_uri()
     connection = sqlite3.connect(f"{uri}?mode=rw", uri=True, timeout=30.0)
     connection.text_factory = bytes  # a damaged text need not be UTF-8
@@ -296,7 +300,7 @@ def _connect(path: Path) -> sqlite3.Connection:
 
 
 def _prepared(path: Path) -> sqlite3.Connection:
-    """A connection to a file that has the tables."""
+    """Return a connection to a file in which the tables exist."""
     try:
         connection = _connect(path)
         with connection:

@@ -1,4 +1,4 @@
-"""How far a solution leaves what it should keep: both levels of the constraints, energy, invariants."""
+"""Drift of a solution: deviation from both levels of the constraints, energy and invariants."""
 
 from hhtbench.checks.drift.measure import Drift, measure_drift, own_at_rows, own_at_steps
 

@@ -1,4 +1,4 @@
-"""The energy as a balance: its change since the start, less what the declared power has fed into it."""
+"""Energy balance: change of the energy since the start minus the integral of the declared power."""
 
 from __future__ import annotations
 
@@ -17,44 +17,44 @@ FINE = 1e-6  # or to that part of the scale
 
 
 class Balance(NamedTuple):
-    """Imbalance of the energy at every state over its scale, or None and why."""
+    """Imbalance of the energy at every state divided by its scale, or None and the reason."""
 
     drift: Vector | None  #: (k,)
     note: str | None
 
 
 class Fed(NamedTuple):
-    """What the power has fed into the energy since the start, at every state, (k,) [J]."""
+    """Integral of the power since the start at every state, (k,) [J]."""
 
     energy: Vector
     error: Vector  #: by how much two rules differ
 
 
 def power_needs_multipliers(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> bool:
-    """Whether the declared power depends on lam or mu: it is not a number where these are none."""
+    """True if the declared power depends on lam or mu (it is NaN for NaN multipliers)."""
     s = dynamics.structure
     found = compile_function(power_with, dynamics, route="xla")(t, q, v, np.full(s.m, np.nan), np.full(s.p, np.nan))
     return not np.isfinite(found).all()
 
 
 def power_with(dynamics: Dynamics, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
-    """The declared power [W] with these multipliers, (1,)."""
+    """Declared power [W] with these multipliers, (1,)."""
     return dynamics.xp.reshape(dynamics.system.power(t, q, v, lam, mu), (1,))
 
 
 def power_of_state(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """The declared power [W] where it does not depend on the multipliers, (1,)."""
+    """Declared power [W] if it does not depend on the multipliers, (1,)."""
     s, xp = dynamics.structure, dynamics.xp
     return power_with(dynamics, t, q, v, xp.zeros(s.m), xp.zeros(s.p))
 
 
 def power_of_level(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """The same with the multipliers of the acceleration level, which must be linear in them."""
+    """Declared power [W] with the multipliers of the acceleration level, in which it must be linear, (1,)."""
     return power_with(dynamics, t, q, v, *_recovered(dynamics, t, q, v))
 
 
 def with_middles(states: States) -> States:
-    """The states of different times and those half-way between them, by the cubic through q and v, (2k - 1, ...)."""
+    """Return the states and those half-way between them by the cubic through q and v, (2k - 1, ...)."""
     t, first = np.unique(states[0], return_index=True)
     curve: Any = CubicHermiteSpline(t, states[1][first], states[2][first])
     times = np.sort(np.concatenate([t, (t[1:] + t[:-1]) / 2]))
@@ -62,7 +62,7 @@ def with_middles(states: States) -> States:
 
 
 def fed_by(t: Vector, times: Vector, power: Vector) -> Fed:
-    """The integral of ``power`` (2k - 1,) [W] at ``times`` with their middles, at every ``t``: Simpson's rule, a spline."""
+    """Integrate ``power`` (2k - 1,) [W] over ``times`` with midpoints, up to every ``t``, by Simpson's rule and a spline."""
     h, ends, middles = np.diff(times[::2]), power[::2], power[1::2]
     simpson = np.append(0.0, np.cumsum(h / 6 * (ends[:-1] + 4 * middles + ends[1:])))
     spline = CubicSpline(times[::2], ends).antiderivative()(times[::2]) if h.size > 1 else h.sum() * np.append(0.0, ends[1:])
@@ -72,9 +72,9 @@ def fed_by(t: Vector, times: Vector, power: Vector) -> Fed:
 
 
 def balance(energy: Vector, kinetic: Vector, fed: Fed) -> Balance:
-    """Change of ``energy`` (k,) [J] less what was fed, over the largest of energy, kinetic energy and what was fed.
+    """Return the change of ``energy`` (k,) [J] minus the work fed in, over the largest of energy, kinetic energy and work.
 
-    At most: what two rules for the integral of the power differ by is added.
+    This is an upper bound: the difference of two rules for the integral of the power is added.
     """
     off = np.abs(energy - energy[0] - fed.energy)
     scale = max(abs(energy[0]), float(np.max(kinetic)), float(np.max(np.abs(fed.energy)))) or 1.0
@@ -84,7 +84,7 @@ def balance(energy: Vector, kinetic: Vector, fed: Fed) -> Balance:
 
 
 def _recovered(dynamics: Dynamics, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
-    """lam (m,) and mu (p,) of the acceleration level; not finite, or an exception, where they are not determined."""
+    """Return lam (m,) and mu (p,) of the acceleration level; not finite, or an exception, if they are not determined."""
     s, xp = dynamics.structure, dynamics.xp
     size = s.n + s.m + s.p
     packed = kkt_terms(dynamics, t, q, v, xp.zeros(size))

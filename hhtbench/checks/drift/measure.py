@@ -1,6 +1,6 @@
-"""How far a solution leaves what it should keep: the three levels of the constraints, energy, invariants.
+"""Drift of a solution: the three levels of the constraints, energy and invariants.
 
-Many states at once: a state at a time would cost as much as the solve.
+Many states are evaluated at once: one at a time would cost as much as the solve.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ _names = Cache(16)  # of invariants, by system
 
 @dataclass(frozen=True)
 class Own:
-    """States with the multipliers that the solver itself holds there."""
+    """States with the multipliers that the solver itself computes there."""
 
     t: Vector  #: (r,) [s]
     q: Matrix  #: (r, n)
@@ -60,14 +60,14 @@ class Level:
 
 @dataclass(frozen=True, kw_only=True)
 class Drift(Printed):
-    """Drift at every state, over its scale; None for what does not exist."""
+    """Drift at every state, divided by its scale; None for what does not exist."""
 
     sampled: str  #: "steps" or "rows"
     t: Vector  #: (k,) [s]
     h: Vector | None  #: (k - 1,) lengths of the internal steps [s]
     position: Vector | None  #: (k,)
     velocity: Vector | None  #: (k,)
-    absolute: dict[str, float | None]  #: largest |g_i|, and |g_t + g_q v|_i or |k_i|, as they are
+    absolute: dict[str, float | None]  #: largest |g_i|, and |g_t + g_q v|_i or |k_i|, unscaled
     energy: Vector | None  #: (k,) change of the energy that the declared power does not account for
     energy_note: str | None  #: why there is none although an energy is declared
     invariants: dict[str, Vector]  #: name -> (k,)
@@ -82,7 +82,7 @@ class Drift(Printed):
         return f"<Drift, largest over {self.t.size} {'states' if self.sampled == 'steps' else 'rows'}: {values}>"
 
     def metrics(self) -> dict[str, Any]:
-        """``metrics["drift"]`` of a row."""
+        """Return ``metrics["drift"]`` of a row: maxima over time."""
         values = {name: getattr(self, name) for name in ("position", "velocity", "energy")}
         values["acceleration"] = None if self.acceleration is None else self.acceleration.value
         largest = {name: None if value is None else np.max(value) for name, value in values.items()}
@@ -99,9 +99,9 @@ class Drift(Printed):
 
 
 def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
-    """Drift over all internal steps where they are known (``ends_of``), else over rows; None: no state.
+    """Measure the drift over all internal steps if they are known (``ends_of``), else over rows; None if there is no state.
 
-    Never over HHT's rows between steps, which are put onto the constraints: their drift is smaller than that of its steps.
+    HHT's rows between steps are not used: they are projected onto the constraints and drift less than its steps.
     """
     sampled, t, q, v = _states(solution)
     if t.size == 0:
@@ -137,7 +137,7 @@ def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
 
 
 def _levels(problem: Problem, dynamics: Dynamics, rows: Rows) -> tuple[Matrix, Matrix]:
-    """Of g, the velocity level and k at every row, (k, 2m + p): how far they are off, scaled and bare."""
+    """Return the violations of g, the velocity level and k at every row, (k, 2m + p), scaled and unscaled."""
     if not dynamics.structure.constrained:
         return np.zeros((0, 0)), np.zeros((0, 0))
     s_q, s_v = declared_sizes(problem)
@@ -157,7 +157,7 @@ def state_terms(dynamics: Dynamics, names: Any, energetic: bool, t: Any, q: Any,
 
 
 def row_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
-    """The constraints' last derivative with the accelerations of the given multipliers, then the size of its terms."""
+    """Constraint violation at the acceleration level for given multipliers, followed by the size of its terms."""
     xp = dynamics.xp
     forces = -dynamics.residual(t, q, v, 0.0, lam, mu)
     vdot = xp.linalg.solve(dynamics.mass(t, q), forces)
@@ -166,7 +166,7 @@ def row_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> 
 
 
 def all_states(dynamics: Dynamics, terms: Any, static: Any, *rows: Any) -> Any:
-    """``terms`` at every state, of which the arguments hold one row each."""
+    """Evaluate ``terms`` at every state; the arguments hold one row per state."""
 
     def one(*state: Any) -> Any:
         return terms(dynamics, *static, *state)
@@ -188,7 +188,7 @@ def _in_chunks(terms: Any, dynamics: Dynamics, static: Any, varying: tuple[Any, 
 
 
 def _states(solution: Solution) -> tuple[str, Vector, Matrix, Matrix]:
-    """Where the drift is measured, and t, q, v there, up to the first value that is not finite."""
+    """Return where the drift is measured ("steps" or "rows") and t, q, v there, up to the first value that is not finite."""
     ends = ends_of(solution)
     sampled, rows = ("rows", solution) if ends is None else ("steps", ends)
     if np.size(rows.t) == 0:
@@ -200,9 +200,9 @@ def _states(solution: Solution) -> tuple[str, Vector, Matrix, Matrix]:
 
 
 def own_at_rows(rows: Solution | Ends) -> Own | None:
-    """The multipliers that the solver itself holds at ``rows``; None: it has none there.
+    """Return the multipliers that the solver itself computes at ``rows``; None if it has none.
 
-    Not those in ``lam`` and ``mu``: these are recovered from the acceleration level and satisfy it by construction.
+    These are not ``lam`` and ``mu``, which are recovered from the acceleration level and satisfy it by construction.
     """
     if rows.carried is None:
         return None
@@ -211,7 +211,7 @@ def own_at_rows(rows: Solution | Ends) -> Own | None:
 
 
 def own_at_steps(solution: Solution) -> Own | None:
-    """The same at its steps where they are known, else at the rows."""
+    """Return the solver's own multipliers at its steps if they are known, else at the rows."""
     found = own_at_rows(solution if solution.ends is None else solution.ends) or own_at_rows(solution)
     steps = solution.steps_data
     if found is not None or steps is None or steps.t.size == 0 or solution.interpolant is None:
@@ -221,11 +221,11 @@ def own_at_steps(solution: Solution) -> Own | None:
 
 
 def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, str | None]:
-    """Drift at the acceleration level at states of ``own``, at most ``MAX_OWN`` evenly spread, or None and the reason.
+    """Measure the drift at the acceleration level at up to ``MAX_OWN`` states of ``own``, or return None and the reason.
 
-    Over the largest size that the row's terms have in the run: at an instant where all of them vanish, as in a turning
-    point, any error is as large as they are.  A row whose terms are roundoff throughout, as that of a joint out of the plane
-    of a motion, counts by those of the largest row.
+    It is relative to the largest size of the row's terms in the run, since at an instant where all terms vanish, such as a
+    turning point, any error is as large as they are.  A row whose terms are roundoff throughout, such as an out-of-plane
+    joint of a planar motion, is relative to the terms of the largest row.
     """
     s = dynamics.structure
     if own is None:
@@ -251,7 +251,7 @@ def _acceleration(dynamics: Dynamics, own: Own | None) -> tuple[Level | None, st
 
 
 def _energy(dynamics: Dynamics, states: tuple[Vector, Matrix, Matrix], energies: Matrix) -> Balance:
-    """The balance of the energy, column 0 of ``energies`` (k, 2), beside the kinetic energy, at the ``states``."""
+    """Return the energy balance at the ``states``; ``energies`` (k, 2) holds energy and kinetic energy."""
     t, q, v = states
     nothing = Fed(np.zeros(t.size), np.zeros(t.size))
     if declared(dynamics.system, "power") is None or np.ptp(t) == 0.0:
@@ -276,7 +276,7 @@ def _change(values: Vector) -> Vector:
 
 
 def _invariant_names(problem: Problem, t: float, q: Vector, v: Vector) -> tuple[str, ...]:
-    """Remembered: functions of JAX that are called without compiling take as long as a small solve."""
+    """Return the names of the invariants, cached: calling JAX functions without compiling takes as long as a small solve."""
     function = declared(problem.system, "invariants")
     if function is None:
         return ()
@@ -285,5 +285,5 @@ def _invariant_names(problem: Problem, t: float, q: Vector, v: Vector) -> tuple[
 
 
 def _relative(xp: Any, value: Any, size: Any) -> Any:
-    """|value| / size; a row without size counts as itself."""
+    """Return |value| / size; a row of size zero is divided by one."""
     return xp.abs(value) / xp.where(size > 0, size, 1.0)

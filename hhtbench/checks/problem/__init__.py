@@ -1,4 +1,4 @@
-"""``check``: does a problem keep its promises?  Shapes, derivatives, consistent start, rank, index."""
+"""``check``: check a problem's shapes, derivatives, start, rank and index."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NEAR_Q, NEAR_V, NEAR_T = 0.05, 0.5, 0.05  # how far the random states lie from t
 
 
 def check(problem: Problem) -> Evidence:
-    """Measure what ``problem`` promises; every fault is a failing row, none stops the check.
+    """Check what ``problem`` states; every fault is a failing row, none stops the check.
 
     Derivatives are compared at the start and at seeded random states near it.  A row that cannot be measured
     because an earlier one failed says so and counts as failed.
@@ -46,7 +46,7 @@ def check(problem: Problem) -> Evidence:
 
 
 def _rows_of_dynamics(problem: Problem, shapes: Survey) -> list[Row]:
-    """Everything that needs the derived functions."""
+    """Return the rows that need the derived functions: derivatives, start, mass, rank, index, data, conservation."""
     place = (problem.system, problem.t_span[0], problem.q0, problem.v0)
     outcome = attempt(lambda: derive(*place, ignored=shapes.untrusted))
     fault = shapes.blocking or outcome.fault
@@ -87,7 +87,7 @@ BLOCKED = (  # rows that stand for what cannot be measured at all
 
 
 def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[Probe]:
-    """The start and random states near it; none of the latter is at rest."""
+    """Return the start and random states near it."""
     random = np.random.default_rng(SEED)
     multipliers = [
         guess if guess is not None and guess.size == size else scale
@@ -103,7 +103,7 @@ def _states(problem: Problem, s: Structure, sizes: Sizes) -> list[Probe]:
 
 
 def _samples(dynamics: Dynamics, references: References, states: list[Probe]) -> tuple[Row, list[Sample]]:
-    """References and given derivatives at every state where the system is defined; the start must be one."""
+    """Evaluate references and given derivatives at every state where the system is defined; the start must be one."""
     given = given_derivatives(dynamics)
     automatic = automatic_derivatives(references)
     samples, fault, left_out = [], "", 0
@@ -125,7 +125,7 @@ def _samples(dynamics: Dynamics, references: References, states: list[Probe]) ->
 
 
 def _nonfinite(values: dict[str, Vector]) -> str:
-    """The first component that is NaN or infinite, by name; empty where there is none."""
+    """Name the first component that is NaN or infinite; empty string if there is none."""
     for name, value in values.items():
         if not np.all(np.isfinite(value)):
             i = int(np.flatnonzero(~np.isfinite(value))[0])
@@ -135,6 +135,6 @@ def _nonfinite(values: dict[str, Vector]) -> str:
 
 
 def _wrong_derivatives(rows: list[Row]) -> tuple[str, ...]:
-    """Declared derivatives whose row fails: the rows that follow are measured without them."""
+    """Return the declared derivatives whose rows fail; the following rows are measured without them."""
     names = [row.id.removeprefix("derivative/") for row in rows if row.passed is False and "/" in row.id]
     return tuple({DERIVED[name].declared_as for name in names if name in DERIVED and DERIVED[name].declared_as})

@@ -1,7 +1,7 @@
-"""Energy and invariants: what is declared to be conserved is, what is fed is fed by ``power``.
+"""Check the energy balance and the invariants of a problem.
 
-The balance must hold at every consistent state.  It is measured along the known motion and at synthetic states too, since at
-the start both of its sides may vanish: nothing moves there, and a motion may not be known.
+The balance must hold at every consistent state.  It is measured along the known motion and at synthetic states too, since
+both of its sides may vanish at the start, and a motion may not be known.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ Point = tuple[float, Vector, Vector]  # t, q, v
 def conservation_rows(
     dynamics: Dynamics, problem: Problem, sizes: Sizes, states: list[Probe], faults: dict[str, str]
 ) -> list[Row]:
-    """Power balance at consistent states, and constancy of what is conserved along the known motion."""
+    """Return rows on the power balance at consistent states, and on the constancy of invariants along the known motion."""
     start = (problem.t_span[0], problem.q0, problem.v0)
     known = attempt(lambda: _known_motion(problem))  # where that fails, a row on the data says so
     motion = [start, *(known.value or [])]
@@ -73,7 +73,7 @@ def _balance_row(dynamics: Dynamics, problem: Problem, motion: list[Point], size
 
 
 def _constancy_row(problem: Problem, names: list[str], motion: list[Point]) -> Row:
-    """Change since the start over the size, for the worst of what is conserved."""
+    """Return the row on the relative change of the conserved quantities since the start, for the worst one."""
     claim = f"the {'closed solution' if problem.exact else 'reference'} conserves {' and '.join(names)}"
     known: Any = {} if problem.reference is None or problem.exact else problem.reference
     bars = [known["bars"][name] for name in ("q", "v")] if "bars" in known else [10.0 ** -known.get("digits", math.inf)]
@@ -88,7 +88,7 @@ def _constancy_row(problem: Problem, names: list[str], motion: list[Point]) -> R
 
 
 def _changes(problem: Problem, names: list[str], motion: list[Point]) -> dict[str, float]:
-    """Largest change over the size, by name; what v adds counts too: a sum that stays zero has the size of its parts."""
+    """Return the largest relative change by name; the size includes that of the parts of a sum that stays zero."""
 
     def values(t: float, q: Vector, v: Vector) -> dict[str, float]:
         found = {"energy": declared(problem.system, "energy")(t, q, v)} if "energy" in names else {}
@@ -105,7 +105,7 @@ def _changes(problem: Problem, names: list[str], motion: list[Point]) -> dict[st
 
 
 def _known_motion(problem: Problem) -> list[Point]:
-    """Points of the closed solution or the reference."""
+    """Return up to ``MAX_TIMES`` points of the closed solution or the reference."""
     if problem.exact is not None:
         times = np.linspace(*problem.t_span, MAX_TIMES)[1:]
         motions = [problem.exact(float(t)) for t in times]
@@ -118,9 +118,10 @@ def _known_motion(problem: Problem) -> list[Point]:
 
 
 def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes: Sizes, states: list[Probe]) -> list[float]:
-    """|d energy/dt - power| over the size of its terms, at the points of ``motion`` and at consistent ones near ``states``.
+    """Return |d energy/dt - power| relative to its terms, at the points of ``motion`` and at consistent ones near
+    ``states``.
 
-    Near rest the terms are roundoff; the largest kinetic energy per typical time [s] is the least size.
+    Near rest the terms are roundoff; the smallest size used is the largest kinetic energy per typical time [s].
     """
     reduced, _ = independent(dynamics, *motion[0])
     dynamics = dynamics if reduced is None else reduced
@@ -142,7 +143,7 @@ def _imbalances(dynamics: Dynamics, problem: Problem, motion: list[Point], sizes
 
 
 def _synthetic(dynamics: Dynamics, sizes: Sizes, states: list[Probe]) -> list[Point]:
-    """The ``states`` moved onto the constraints, where that succeeds."""
+    """Project the ``states`` onto the constraints; those that cannot be projected are left out."""
     levels = ConstraintLevels(dynamics, full=True)
     places = [split(dynamics.structure, state.z) for state in states]
     moved = [
@@ -153,7 +154,7 @@ def _synthetic(dynamics: Dynamics, sizes: Sizes, states: list[Probe]) -> list[Po
 
 
 def _consistent(levels: ConstraintLevels, t: float, q: Vector, v: Vector, sizes: Sizes) -> Point | None:
-    """The nearest consistent place in typical sizes, by Newton's method; None where it does not get there."""
+    """Project a state onto the constraints by Newton's method in typical sizes; None if it does not converge."""
     for _ in range(PROJECTIONS):
         at = levels.at(t, q, v)
         q = q - _least(at.position_jacobian, at.position, sizes.q)
@@ -165,12 +166,12 @@ def _consistent(levels: ConstraintLevels, t: float, q: Vector, v: Vector, sizes:
 
 
 def _least(rows: Matrix, value: Vector, size: Vector) -> Vector:
-    """The least x in units of ``size`` with ``rows x = value``."""
+    """Return the minimum-norm x, in units of ``size``, with ``rows x = value``."""
     return np.asarray(size * np.linalg.lstsq(rows * size, value)[0], dtype=np.float64)
 
 
 def energy_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, vdot: Any, lam: Any, mu: Any) -> Any:
-    """d energy/dt, power, the rates that the first consists of (by t, q, v) [W], kinetic energy [J], error [W]: (7,)."""
+    """Return (7,): d energy/dt, power, its parts by t, q and v [W], kinetic energy [J], error of the differences [W]."""
     system, xp = dynamics.system, dynamics.xp
     error: Any = 0.0
     if xp is jnp:
@@ -187,7 +188,7 @@ def energy_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, vdot: Any, lam: Any
 
 
 def _rate(energy: Any, t: float, q: Vector, v: Vector, move: tuple[float, Vector, Vector], size: float) -> float:
-    """Rate of the energy along ``move`` of (t, q, v), by a difference over ``size`` times the usual step."""
+    """Return the rate of the energy along ``move`` of (t, q, v), by a difference with ``size`` times the usual step."""
     dt, dq, dv = (size * x for x in move)
     curve = lambda e: np.atleast_1d(energy(t + e * dt, q + e * dq, v + e * dv))  # noqa: E731
     return float(derivative_along(curve, t, q, v)[0]) / size

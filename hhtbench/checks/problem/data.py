@@ -1,4 +1,4 @@
-"""What a problem adds to its system: guesses, observables, solutions and measured quantities."""
+"""Check the data that a problem adds to its system: guesses, observables, solutions and measured quantities."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hhtbench.protocol.system import Problem, declared
 
 
 def data_rows(problem: Problem, m: int | None, p: int | None, sizes: Sizes, start: Start | None) -> list[Row]:
-    """Guesses fit, observables and measured quantities are finite, known solutions begin at the start."""
+    """Return rows: guesses fit, observables and measured quantities are finite, known solutions begin at the start."""
     rows = []
     for name, size in (("lam_guess", m), ("mu_guess", p)):
         guess = getattr(problem, name)
@@ -36,7 +36,7 @@ def data_rows(problem: Problem, m: int | None, p: int | None, sizes: Sizes, star
 
 
 def measured_rows(problem: Problem, faults: dict[str, str]) -> list[Row]:
-    """Energy and invariants are finite at the start."""
+    """Return rows: energy and invariants are finite at the start."""
     rows = []
     for name in ("energy", "invariants"):
         if declared(problem.system, name) is None or name in faults:
@@ -74,7 +74,7 @@ def _observable_row(problem: Problem, name: str, m: int, start: Start | None) ->
 
 
 def _solution_row(row_id: str, claim: str, problem: Problem, sizes: Sizes, state: Callable[[], Any], bound: float) -> Row:
-    """``state`` gives q and v at the start."""
+    """Return a row that compares q and v of a known solution, given by ``state``, with the start."""
 
     def apart() -> dict[str, float]:
         found = {}
@@ -96,7 +96,7 @@ def _solution_row(row_id: str, claim: str, problem: Problem, sizes: Sizes, state
 
 
 def _reference_row(problem: Problem, sizes: Sizes) -> Row:
-    """Shapes fit; where the table has a row at the start, it equals q0 and v0 to its digits."""
+    """Return a row: shapes of the reference fit, and its row at the start, if any, equals q0 and v0 to its digits."""
     reference: Any = problem.reference
     claim = "the reference fits the problem and agrees with q0, v0 where it starts there"
 

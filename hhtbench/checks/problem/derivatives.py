@@ -1,4 +1,4 @@
-"""Derivatives that the solvers use, declared or derived, against references that use none of them."""
+"""Compare the derivatives that the solvers use, declared or derived, with references that use none of them."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ DERIVED: dict[str, Derivative] = {
 
 
 def _value(d: Dynamics, derivative: Derivative, at: dict[str, Any]) -> Any:
-    """One derivative at the place ``at``; zero where the solvers do not compute it because it is."""
+    """Evaluate one derivative at the arguments ``at``; zero if the solvers know that it is zero."""
     s = d.structure
     if derivative.member == "constraint_time_derivative" and not s.rheonomic:
         return d.xp.zeros(s.m)
@@ -102,13 +102,13 @@ class Sample:
 
 
 def names_of(s: Structure) -> tuple[str, ...]:
-    """The derivatives that a system of this structure has."""
+    """Return the names of the derivatives that a system of this structure has."""
     parts, none = parts_of(s), () if s.reaction_uses_v else ("reaction_v",)
     return tuple(name for name, derivative in DERIVED.items() if derivative.part in parts and name not in none)
 
 
 def packed_derivatives(d: Dynamics, names: tuple[str, ...], z: Any, x: Any) -> Any:
-    """The derivatives ``names`` at z, ravelled, one after another in one vector."""
+    """Evaluate the derivatives ``names`` at z and concatenate them, flattened, in one vector."""
     at = split(d.structure, z) | {"x": x}
     return d.xp.concatenate([d.xp.asarray(_value(d, DERIVED[name], at), dtype=float).ravel() for name in names])
 
@@ -120,7 +120,7 @@ def _shape(s: Structure, name: str) -> tuple[int, int]:
 
 
 def given_derivatives(dynamics: Dynamics, names: tuple[str, ...] = ()) -> Callable[[Probe], dict[str, Matrix | str]]:
-    """A function of the state that gives the derivatives ``names``, all by default, or the reason why one cannot be had."""
+    """Return a function of the state that evaluates the derivatives ``names`` (default: all), or the reason of a failure."""
     s = dynamics.structure
     names = names or names_of(s)
     if route_of(dynamics) == "xla":
@@ -142,13 +142,13 @@ def given_derivatives(dynamics: Dynamics, names: tuple[str, ...] = ()) -> Callab
 
 
 def automatic_derivatives(references: References) -> Callable[[Probe], dict[str, Matrix | str]]:
-    """A function of the state that gives, by automatic differentiation alone, what a JAX system declares itself."""
+    """Return a function of the state that evaluates declared derivatives by automatic differentiation (JAX systems only)."""
     names = tuple(x for x in names_of(references.structure) if references.declares(DERIVED[x].declared_as))
     return (lambda _: {}) if references.from_differences or not names else given_derivatives(references.plain, names)
 
 
 def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sample], faulty: dict[str, str]) -> list[Row]:
-    """One row per derivative; ``faulty``: declared derivatives of the wrong shape, with the reason."""
+    """Return one row per derivative; ``faulty`` maps declared derivatives of the wrong shape to the reason."""
     rows: dict[str, Row] = {}
     for name in names_of(dynamics.structure):
         derivative, reason = DERIVED[name], ""
@@ -199,7 +199,7 @@ def _row(name: str, claim: str, limit: float, references: References, samples: l
 
 
 def _difference_floor(name: str, references: References) -> float:
-    """How much of the terms of a row counts beside its derivative, by how many differences are involved."""
+    """Return the share of a row's terms that counts beside its derivative, by the number of nested differences."""
     derivative = DERIVED[name]
     if not references.from_differences:
         return DIFFERENCE_FLOOR
@@ -211,7 +211,7 @@ def _difference_floor(name: str, references: References) -> float:
 
 
 def _unjudged(name: str, claim: str, bound: str, references: References, where: str) -> Row:
-    """No step gives differences: what is declared or exact cannot be judged by them, what is made of them is no better."""
+    """Return the row of a derivative for which no step gives reliable differences: not judged, or failed if made of them."""
     derivative = DERIVED[name]
     text = f"differences of {SYMBOLS[derivative.part]} scatter {where}, whatever the step (is it smooth? are scales right?)"
     if not references.from_differences or references.declares(derivative.declared_as):

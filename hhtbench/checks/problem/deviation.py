@@ -1,4 +1,4 @@
-"""How far a derivative is from what a reference gives, beyond the error that the reference shows itself."""
+"""Deviation of a derivative from its reference, beyond the reference's own error."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from hhtbench.checks.problem.reference import Probe, Reference, References, blocks
 from hhtbench.protocol.arguments import Matrix, Vector
 
-OWN_ERROR = 2.0  # times the error that differences show themselves is no deviation
-USABLE = 1e-2  # of a row, of which a hundredth of its terms counts: differences with a larger error judge nothing
+OWN_ERROR = 2.0  # deviations below this multiple of the differences' own error are ignored
+USABLE = 1e-2  # share of a row's terms added to its size; differences with a larger relative error are not used
 
 
 @dataclass(frozen=True)
 class Derivative:
-    """One derivative: where the solvers get it and which block of the reference Jacobian it must equal."""
+    """One derivative: the function that gives it and the block of the reference Jacobian it must equal."""
 
     declared_as: str  #: name under which a system may declare it, "" if it may not
     text: str  #: in symbols
@@ -29,7 +29,7 @@ class Derivative:
 
 @dataclass(frozen=True)
 class Expected:
-    """A derivative by a reference, and what its rows are measured by."""
+    """Reference value of a derivative with the scales and errors of its rows."""
 
     matrix: Matrix  #: (rows, columns)
     row_size: Matrix  #: (rows, 1) largest term of the derivative
@@ -39,14 +39,14 @@ class Expected:
 
     @property
     def blur(self) -> float:
-        """The largest error, relative to what ``USABLE`` bounds."""
+        """Largest error of the reference, relative to ``USABLE`` of the terms."""
         blurred = OWN_ERROR * self.error * self.scale
         size = self.row_size + USABLE * self.terms
         return float(np.max(np.where(blurred > 0, blurred / np.where(size > 0, size, 1.0), 0.0), initial=0.0))
 
 
 def by_differences(derivative: Derivative, references: References, reference: Reference, state: Probe) -> Expected:
-    """By differences, with the error that they show themselves."""
+    """Return the expected derivative from differences, with their estimated error."""
     where, part = blocks(references.structure), derivative.part
     jacobian, errors = reference.differences[part], reference.errors[part]
     terms = _largest(jacobian * references.scales) + np.abs(reference.value[part])[:, None]
@@ -63,18 +63,18 @@ def by_differences(derivative: Derivative, references: References, reference: Re
 
 
 def of_one_size(expected: list[Expected]) -> list[Expected]:
-    """Every row measured by its largest derivative and terms at any state: at the start they may vanish by symmetry."""
+    """Scale every row by its largest derivative and terms at any state, since they may vanish by symmetry at the start."""
     size, terms = (np.fmax.reduce([getattr(one, name) for one in expected]) for name in ("row_size", "terms"))
     return [replace(one, row_size=size, terms=terms) for one in expected]
 
 
 def _largest(matrix: Matrix) -> Matrix:
-    """Largest magnitude of each row where it is a number, (rows, 1)."""
+    """Return the largest finite magnitude of each row, (rows, 1)."""
     return np.asarray(np.fmax.reduce(np.abs(matrix), axis=1, keepdims=True, initial=0.0), dtype=np.float64)
 
 
 def deviation(given: Matrix, expected: Expected, floor: float, label: str) -> tuple[float, str]:
-    """The largest deviation of ``given`` relative to the size of its row, and a text that names the entry."""
+    """Return the largest deviation of ``given`` relative to the size of its row, and a text that names the entry."""
     matrix, size = expected.matrix, expected.row_size + floor * expected.terms
     with np.errstate(invalid="ignore", divide="ignore"):
         change = np.maximum(np.abs(given - matrix) - OWN_ERROR * expected.error, 0.0) * expected.scale

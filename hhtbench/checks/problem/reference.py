@@ -1,7 +1,7 @@
-"""The functions that a system declares and their Jacobian, by differences.
+"""Evaluate the functions that a system declares and their Jacobian by differences.
 
-All arguments travel in one vector ``z = [t, q, v, lam, mu]``, so one Jacobian holds every derivative as a block.
-Nothing here uses a declared derivative: what is judged and what it is judged by stay apart.
+All arguments are packed into one vector ``z = [t, q, v, lam, mu]``, so one Jacobian holds every derivative as a block.
+Nothing here uses a declared derivative, so that the reference is independent of what it checks.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from hhtbench.lowering.dynamics.dynamics import evaluate
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.system import declared
 
-FIRST_STEP = 2.0**-8  # of the typical size
-HALVINGS = 20  # of that step at most: features down to a millionth of the typical size are seen
+FIRST_STEP = 2.0**-8  # first difference step over the typical size
+HALVINGS = 20  # most halvings of that step: resolves features of a millionth of the typical size
 AGREE = 1e-9, 1e-11  # relative, and of the row: differences this close need no smaller step
 
 
@@ -44,18 +44,18 @@ class Reference:
 
 
 def blocks(s: Structure) -> dict[str, slice]:
-    """Where each argument lies in z."""
+    """Return the slice of each argument in z."""
     bounds = np.cumsum([0, 1, s.n, s.n, s.m, s.p])
     return {name: slice(int(bounds[i]), int(bounds[i + 1])) for i, name in enumerate(("t", "q", "v", "lam", "mu"))}
 
 
 def split(s: Structure, z: Any) -> dict[str, Any]:
-    """The arguments by name; t as a scalar."""
+    """Split z into the arguments by name; t is a scalar."""
     return {name: z[0] if name == "t" else z[where] for name, where in blocks(s).items()}
 
 
 def _constraint_velocity(d: Dynamics, a: Any) -> Any:
-    """g_t + g_q v along the motion, from g alone."""
+    """Return g_t + g_q v along the motion, from g alone."""
     if d.xp is jnp:
         return jax.jvp(d.constraint, (a["t"], a["q"]), (jnp.ones_like(a["t"]), a["v"]))[1]
     return derivative_along(lambda e: d.constraint(a["t"] + e, a["q"] + e * a["v"]), a["t"], a["q"], a["v"])
@@ -68,25 +68,25 @@ PARTS: dict[str, Callable[[Dynamics, Any], Any]] = {
 
 
 def parts_of(s: Structure) -> tuple[str, ...]:
-    """The parts that a system has."""
+    """Return the names of the functions (parts) that a system of this structure has."""
     names = ["force"] + (["mass_product"] if s.mass == "variable" else [])
     names += ["constraint", "constraint_velocity", "reaction"] if s.m else []
     return tuple(names + (["velocity_constraint", "velocity_reaction"] if s.p else []))
 
 
 def part_rows(s: Structure, name: str) -> int:
-    """Number of rows of a part."""
+    """Return the number of rows of a part."""
     return {"constraint": s.m, "constraint_velocity": s.m, "velocity_constraint": s.p}.get(name, s.n)
 
 
 def packed_parts(d: Dynamics, names: tuple[str, ...], z: Any, x: Any) -> Any:
-    """The parts ``names`` at z, one after another in one vector."""
+    """Evaluate the parts ``names`` at z and concatenate them in one vector."""
     at = split(d.structure, z) | {"x": x}
     return d.xp.concatenate([PARTS[name](d, at) for name in names])
 
 
 class References:
-    """Evaluates :class:`Reference` for a system whose declared derivatives are all ignored."""
+    """Evaluate :class:`Reference` for a system whose declared derivatives are all ignored."""
 
     def __init__(self, plain: Dynamics, scales: Vector) -> None:
         self.structure: Structure = plain.structure
@@ -97,17 +97,17 @@ class References:
         self._values = compile_function(packed_parts, plain, self.names)
 
     def declares(self, name: str) -> bool:
-        """Whether the system declares ``name``; the empty name is never declared."""
+        """True if the system declares ``name``; the empty name is never declared."""
         return bool(name) and declared(self.plain.system, name) is not None
 
     def at(self, state: Probe) -> Reference:
-        """Values and Jacobians at ``state``."""
+        """Return values and difference Jacobians at ``state``."""
         value = self.values(state)
         differences, errors = (self._split(self.names, x) for x in self._differences(state))
         return Reference(value, differences, errors)
 
     def values(self, state: Probe) -> dict[str, Vector]:
-        """The parts at ``state``; entries may be NaN on the XLA route."""
+        """Evaluate the parts at ``state``; entries may be NaN on the XLA route."""
         return self._split(self.names, np.asarray(self._values(state.z, state.x)))
 
     def _split(self, names: tuple[str, ...], stacked: Any) -> dict[str, Any]:
@@ -115,7 +115,7 @@ class References:
         return dict(zip(names, np.split(stacked, bounds[:-1]), strict=True)) if names else {}
 
     def _differences(self, state: Probe) -> tuple[Matrix, Matrix]:
-        """Central differences, one column per entry of z, with steps that are halved until they agree; their errors."""
+        """Return central differences, one column per entry of z, with steps halved until they agree, and their errors."""
 
         def values(x: Any) -> Any:  # where z has moved by x (size, ...), in typical sizes
             points = (state.z[:, None] + self.scales[:, None] * x.reshape(len(x), -1)).T
@@ -137,7 +137,7 @@ class References:
         return found.df * size * unit, np.where(np.isfinite(error), error, np.inf) * unit  # inf: it is not defined there
 
     def _noise(self, state: Probe, value: Matrix, slope: Matrix) -> Matrix:
-        """Roundoff of every row, (rows, 1): of its ``value`` and of z, whose digits may cancel in it."""
+        """Return the roundoff of every row, (rows, 1), from its ``value`` and from z, whose digits may cancel in it."""
         terms = slope * np.maximum(np.abs(state.z) / self.scales, 1.0)
         noise = EPS * (np.abs(value) + np.fmax.reduce(terms, axis=1, keepdims=True))
         if self.from_differences and "constraint" in self.names:  # the velocity level is itself a difference

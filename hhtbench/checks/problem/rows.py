@@ -1,4 +1,4 @@
-"""What every part of the check uses: guarded calls and rows for what could not be measured."""
+"""Helpers of the problem check: guarded calls, and rows for what could not be measured."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ MAX_CHARACTERS = 240  # characters of a reason; a library's message may run over
 
 @dataclass(frozen=True)
 class Attempted:
-    """What a guarded call gave: a value, or the reason why there is none."""
+    """Result of a guarded call: a value, or the reason why there is none."""
 
     value: Any = None
     fault: str = ""
 
 
 def attempt(action: Callable[[], Any]) -> Attempted:
-    """Call ``action``; whatever a user's function raises becomes a reason, so that the other rows are still measured."""
+    """Call ``action``; an exception becomes a reason, so that the other rows are still measured."""
     try:
         return Attempted(value=action())
     except Exception as error:  # noqa: BLE001 - a check lists every fault instead of stopping at the first
@@ -29,7 +29,7 @@ def attempt(action: Callable[[], Any]) -> Attempted:
 
 
 def reason_of(error: Exception) -> str:
-    """The first line of an error; our own errors need no type."""
+    """Return the first line of an error, with its type unless it is one of hhtbench's own."""
     line = next(iter(str(error).strip().splitlines()), "")[:MAX_CHARACTERS]
     if isinstance(error, (ProblemError, NonFiniteValue)) and line:
         return line
@@ -37,10 +37,10 @@ def reason_of(error: Exception) -> str:
 
 
 def not_measured(row_id: str, claim: str, bound: str, reason: str) -> Row:
-    """A row that counts as failed because something it rests on failed."""
+    """Return a failed row for something that cannot be measured because of another fault."""
     return Row(id=row_id, claim=claim, measured=f"not measured: {reason}", bound=bound, passed=False)
 
 
 def yes_or_fault(row_id: str, claim: str, fault: str, good: str, bound: str) -> Row:
-    """A row that holds where there is no fault."""
+    """Return a row that passes if ``fault`` is empty."""
     return Row(id=row_id, claim=claim, measured=fault or good, bound=bound, passed=not fault)

@@ -1,4 +1,4 @@
-"""Typical sizes of a problem, one per component, with a row on what is wrong with the declared ones."""
+"""Typical sizes of a problem, one per component, and the row that checks the declared ones."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hhtbench.protocol.system import Problem
 
 @dataclass(frozen=True)
 class Sizes:
-    """Typical sizes; ones where the declared scales cannot be used."""
+    """Typical sizes of t, q, v, lam and mu; ones where the declared scales cannot be used."""
 
     t: float  #: [s] time over which the motion changes, at most 1
     q: Vector  #: (n,)
@@ -25,7 +25,7 @@ class Sizes:
 
 
 def sizes_of(problem: Problem, m: int | None, p: int | None) -> tuple[Sizes, Row]:
-    """The declared scales, spread over the components, and the row that judges them."""
+    """Return the declared scales broadcast to the components, and the row that checks them."""
     n = problem.q0.size
     found, faults = {}, []
     for name, size in (("q", n), ("v", n), ("lam", m), ("mu", p)):

@@ -36,7 +36,7 @@ MAX_NAMED = 6  # offending rows in one text
 
 @dataclass(frozen=True)
 class Start:
-    """What is known at the start; each None where it could not be computed."""
+    """Results at the start; each is None if it could not be computed."""
 
     s: Structure
     levels: Levels | None
@@ -48,7 +48,7 @@ class Start:
 
 
 def examine(dynamics: Dynamics, problem: Problem, sizes: Sizes) -> Start:
-    """Levels, rank and acceleration level at the start; the user's errors become ``fault``."""
+    """Compute levels, rank and accelerations at the start; errors of the user's functions become ``fault``."""
     s = dynamics.structure
     t, q, v = problem.t_span[0], problem.q0, problem.v0
     levels = attempt(lambda: ConstraintLevels(dynamics, full=True).at(t, q, v))
@@ -74,7 +74,9 @@ def _packed(found: Acceleration) -> Vector:
 def _accelerations(
     level: AccelerationLevel, sizes: Sizes, t: float, q: Vector, v: Vector, lam: Any, mu: Any
 ) -> tuple[Acceleration, Vector]:
-    """The acceleration level's solution, by least squares where its matrix is singular, and what is left over."""
+    """Solve the acceleration level, by least squares if its matrix is singular; return the solution and its relative
+    residual.
+    """
     s = level.structure
     found = level.solve(t, q, v, lam, mu)
     x = _packed(found)
@@ -97,7 +99,7 @@ def _least_squares(matrix: Matrix, right: Vector) -> Vector:
 
 
 def mass_rows(dynamics: Dynamics, states: list[Probe], found: Start) -> list[Row]:
-    """The mass matrix is symmetric and has no negative direction."""
+    """Return rows: the mass matrix is symmetric and positive semidefinite."""
     if dynamics.structure.mass == "identity":
         return []
     claims = (
@@ -130,14 +132,14 @@ def mass_rows(dynamics: Dynamics, states: list[Probe], found: Start) -> list[Row
 
 
 def _smallest_eigenvalue(mass: Matrix) -> float:
-    """Of the symmetric part with its diagonal scaled to one, so that kg and kg m^2 may stand side by side."""
+    """Return the smallest eigenvalue of the symmetric part scaled to unit diagonal, so that units do not matter."""
     size = np.sqrt(np.abs(np.diag(mass)))
     size = np.where(size > 0, size, np.sqrt(np.abs(mass).max() or 1.0))
     return float(np.linalg.eigvalsh((mass + mass.T) / 2 / np.outer(size, size)).min())
 
 
 def consistency_rows(start: Start, problem: Problem) -> list[Row]:
-    """The start satisfies the constraints at all three levels; the first two as the solvers judge them."""
+    """Return rows: the start satisfies the constraints at all three levels; the first two by the solvers' own test."""
     levels = {}
     if start.s.m:
         levels["start/position"] = "the start satisfies the position constraints", "coordinate"
@@ -155,7 +157,7 @@ def consistency_rows(start: Start, problem: Problem) -> list[Row]:
 
 
 def _level_row(row_id: str, claim: str, bound: str, misfits: list[Misfit]) -> Row:
-    """Names the offending rows with their sizes, the largest first."""
+    """Return the row of one level; it names the violated constraints with their sizes, the largest first."""
     largest = sorted(misfits, key=lambda row: np.nan_to_num(row.relative, nan=np.inf), reverse=True)
     wrong = [f"{row.name} = {row.value:.3g}" for row in largest if not row.relative <= CONSISTENT]
     measured: str | float = float(largest[0].relative)
@@ -180,7 +182,7 @@ def _acceleration_row(start: Start) -> Row:
 
 
 def regularity_rows(start: Start, redundant: bool) -> list[Row]:
-    """Rank of the constraints, regularity of the KKT matrix, index; ``redundant``: the problem says that rows depend."""
+    """Return rows on the rank of the constraints, the KKT matrix and the index; ``redundant``: the problem has that tag."""
     rows, claim = [], "the mass matrix is regular"
     if start.s.constrained:
         claim, bound = (

@@ -1,4 +1,4 @@
-"""Shapes: every declared function is called once at the start, its result set against what the protocol asks."""
+"""Check shapes: call every declared function once at the start and compare its result with the protocol."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from hhtbench.protocol.system import (
     declared,
     signature_of,
 )
+from hhtbench.protocol.wrong_use import require_arguments
 
 MEASURED = ("energy", "power", "invariants")  # no solver uses them
 MEANING = {"m": "constraints", "p": "velocity constraints"}
@@ -32,14 +33,14 @@ MEANING = {"m": "constraints", "p": "velocity constraints"}
 
 @dataclass(frozen=True)
 class Survey:
-    """Which declared functions keep their shape."""
+    """Result of the shape check of all declared functions."""
 
     rows: tuple[Row, ...]
     faults: dict[str, str]  #: function -> what is wrong with it
 
     @property
     def blocking(self) -> str:
-        """Why nothing can be derived from the system; empty where it can."""
+        """Why nothing can be derived from the system; empty string if it can."""
         names = [name for name in self.faults if name in PHYSICS and name not in MEASURED]
         return "; ".join(f"{name} is faulty (row shape/{name})" for name in names)
 
@@ -92,7 +93,7 @@ def _row(problem: Problem, name: str, sizes: dict[str, int | None]) -> Row:
 
 
 def _letters(name: str, signature: Signature) -> str:
-    """The sizes that a function's arguments and result need; constraint and velocity_constraint set m and p themselves."""
+    """Return the sizes that a function's arguments and result need; constraint and velocity_constraint define m and p."""
     own = {"constraint": "m", "velocity_constraint": "p"}.get(name, "")
     needed = "".join(signature.results) + {"lam": "m", "mu": "p"}.get(signature.arguments[-1], "")
     return needed.replace(own, "") if own else needed
@@ -108,7 +109,9 @@ def _bound(signature: Signature, sizes: dict[str, int | None]) -> str:
 
 
 def arguments_at_start(problem: Problem, name: str, sizes: dict[str, int | None]) -> tuple[Any, ...]:
-    """t0 and private, read-only copies of what ``name`` takes; multipliers from their guess where it fits, else zero."""
+    """Return t0 and private, read-only copies of the arguments of ``name``; multipliers from their guess if it fits, else
+    zero.
+    """
     values: dict[str, Any] = {"q": problem.q0, "v": problem.v0}
     for letter, key, guess in (("m", "lam", problem.lam_guess), ("p", "mu", problem.mu_guess)):
         size = sizes[letter] or 0
@@ -123,13 +126,14 @@ def arguments_at_start(problem: Problem, name: str, sizes: dict[str, int | None]
 
 
 def _call(problem: Problem, name: str, sizes: dict[str, int | None]) -> Any:
-    arguments = arguments_at_start(problem, name, sizes)
     function = declared(problem.system, name)
+    require_arguments(name, function, signature_of(problem.system, name))
+    arguments = arguments_at_start(problem, name, sizes)
     return jax.eval_shape(function, *arguments) if isinstance(problem.system, System) else function(*arguments)
 
 
 def _fault(name: str, result: Any, signature: Signature, sizes: dict[str, int | None]) -> str:
-    """What is wrong with ``result``; empty where it is as asked."""
+    """Describe what is wrong with ``result``; empty string if it is right."""
     if name == "invariants":
         if not isinstance(result, dict):
             return f"got {type(result).__name__}"
@@ -144,7 +148,7 @@ def _fault(name: str, result: Any, signature: Signature, sizes: dict[str, int | 
 
 
 def _array_fault(value: Any, *shapes: tuple[int | None, ...]) -> str:
-    """What is wrong with a ``value`` that must be real and of one of the ``shapes``."""
+    """Describe why ``value`` is not a real array of one of the ``shapes``; empty string if it is."""
     if value is None:
         return "got None"
     if isinstance(value, jax.ShapeDtypeStruct) and value.dtype.kind not in "fiu":

@@ -1,1 +1,1 @@
-"""Is the success that a solver reports believable, whoever wrote it?"""
+"""Checks whether a success that a solver reports is believable, whoever wrote it."""

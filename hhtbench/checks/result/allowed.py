@@ -1,4 +1,4 @@
-"""How large the errors of a solver may be that does what it was asked: by its tolerance, or by the length of its steps."""
+"""Error per step to be expected of a solver, from its tolerance or from the length of its steps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PLACES = 4  # in every step of the integration here, its end included, at which 
 
 
 def allowed_errors(problem: Problem, request: Request, equations: Equations, size: Vector) -> Vector:
-    """The largest errors of y (2n,) that the tolerances allow of a step, or the first of the prescribed steps make."""
+    """Return the largest errors of y (2n,) in one step: by the tolerances, or of the first of the prescribed steps."""
     if request.fixed:
         return _of_first_steps(problem, request, equations, size)
     if request.rtol is None and request.atol is None:
@@ -34,14 +34,14 @@ def _of_first_steps(problem: Problem, request: Request, equations: Equations, si
 
 
 class Missed:
-    """What prescribed steps of length h miss of a motion: the largest y(t - h/2) - 2 y(t) + y(t + h/2) until a time.
+    """Error of prescribed steps of length h: the largest second difference y(t - h/2) - 2 y(t) + y(t + h/2) up to a time.
 
-    That is half the error of a step of a method of first order, also where the accelerations jump by dv', h |dv'| / 2, since
-    the steps of ``flow`` end there; of a motion faster than the steps it is all.
+    That is half the error of a first-order step, also where the accelerations jump by dv' (h |dv'| / 2, since
+    the steps of ``flow`` end there); for a motion faster than the steps it is the whole motion.
     """
 
     def __init__(self, flow: Flow, interval: tuple[float, float], problem: Problem, request: Request, size: Vector) -> None:
-        """``flow`` along the ``interval`` [s], whose first ``STEPS_SEEN`` steps are measured; ``size`` (2n,) of y."""
+        """Measure the first ``STEPS_SEEN`` steps of ``flow`` along the ``interval`` [s]; ``size`` (2n,) scales y."""
         plan, (t, end) = plan_steps(request, *problem.t_span), interval
         if plan.count < STEPS_SEEN:
             raise NotJudged(f"{plan.count} steps are too few to tell how well they follow the motion")
@@ -59,7 +59,7 @@ class Missed:
             self._measure(t + k * self._half)
 
     def until(self, t: float) -> Vector:
-        """The largest (2n,) as far as ``t`` [s]."""
+        """Return the largest error (2n,) up to ``t`` [s]."""
         self._flow.at(t)
         while self._seen < len(self._flow.pieces):
             piece = self._flow.pieces[self._seen]
@@ -74,7 +74,7 @@ class Missed:
         return self.so_far
 
     def _misplaced(self, crossing: Crossing) -> Vector:
-        """What an impulse leaves that acts half a step too early (2n,): steps do not end where the velocities jump."""
+        """Error (2n,) of an impulse that acts half a step too early, since prescribed steps do not end at jumps."""
         early = max(crossing.t - self._half, self._flow.t, key=lambda t: np.sign(self._half) * t)
         change = self._flow.change_at(crossing.i, self._flow.at(early))
         return np.abs(np.concatenate([self._half * crossing.change, change - crossing.change]))

@@ -1,8 +1,8 @@
-"""Does the motion hold between the rows?  Rows whose way to the next one stands out, and forces that steps have not met.
+"""Check the motion between the rows: find suspicious intervals between rows, and forces that the steps have missed.
 
-What stands out is no proof, but a place for an integration to begin: for the windows of a judgement
+A suspicious interval is no proof, but a place at which to start an integration: for the windows of a judgement
 (:func:`stand_out`, :func:`bends`), or from one row to the next (:func:`stepped_over`, for ``hb.solve(accuracy=...)``, since
-runs that step over the same place agree with one another, although a force acts there).
+runs that step over the same force agree with one another).
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution, ends_of
 
-STILL = 1e-3  # of the median speed of change: slower rows may be frozen
-LEAP = 30.0  # times the median difference between the way to the next row and that by the velocities: above, maybe a jump
-APART = 1e-9  # of the interval: the way between rows nearer to one another is roundoff
+STILL = 1e-3  # share of the median speed of change below which rows may be frozen
+LEAP = 30.0  # times the median mismatch of positions and velocities: larger ones may be a jump
+APART = 1e-9  # share of the interval below which the change between two rows is roundoff
 PLACES = 200  # at which accelerations are compared, one in each of as many equal parts of the interval
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # its multiples' fractional parts hit no grid
 WORST = 3  # ways between rows that are integrated, beside those across jumps of the velocities
-FINER = 1e-2  # times what is allowed: tolerance of the integration
+FINER = 1e-2  # tolerance of the integration, relative to the allowed distance
 MAX_EVALUATIONS = 2000  # of the accelerations
 BLIND = "the equations of motion cannot be checked between the rows"
 
@@ -34,9 +34,9 @@ Between = Callable[[Vector, Matrix, Matrix], Matrix]  # vdot (k, n) at t (k,), q
 
 
 def stand_out(rows: Any, size: Vector) -> list[int]:
-    """Those ``rows`` i, with t, q, v, whose way to row i + 1 stands out; ``size`` (2n,) of [q, v].
+    """Return up to three ``rows`` i (with t, q, v) whose change to row i + 1 is an outlier; ``size`` (2n,) of [q, v].
 
-    At most three: the first that hardly moves, the slowest of these, and the one whose velocities leave most of its way.
+    They are the first that hardly moves, the slowest of these, and the one whose change of q fits its velocities least.
     """
     t = rows.t
     dt = np.diff(t)
@@ -54,11 +54,11 @@ def stand_out(rows: Any, size: Vector) -> list[int]:
 
 
 def bends(t: Vector, y: Matrix, vdot: Matrix, between: Between, parts: Matrix, size: Vector) -> list[int]:
-    """Rows i whose way to row i + 1 the accelerations make least, of rows y = [q, v] (k, 2n) at ``t`` (k,).
+    """Return rows i between which and row i + 1 the accelerations fit the states least; y = [q, v] (k, 2n) at ``t`` (k,).
 
-    Three leave something of it: for v the trapezoidal rule, for q that with end corrections, and the accelerations
-    ``between``, at ``parts`` (p, k - 1) of each way, where cubic Hermite polynomials lead.  A force that acts in between,
-    and that neither row knows of, shows in these only.
+    Three residuals are used: for v the trapezoidal rule, for q that with end corrections, and the accelerations
+    ``between``, evaluated at ``parts`` (p, k - 1) of each interval on cubic Hermite polynomials.  A force that acts only
+    between two rows shows in the last one only.
     """
     kept = np.flatnonzero(np.append(True, np.diff(t) != 0.0))
     if kept.size < 4:
@@ -89,7 +89,7 @@ def _largest(left: Vector) -> list[int]:
 
 
 class SteppedOver(NamedTuple):
-    """What the equations of motion say between the rows."""
+    """Result of the check between the rows."""
 
     text: str = ""  #: where they lead to another row; "" where to none
     off: float = 0.0  #: the scaled distance of that from the row
@@ -97,11 +97,11 @@ class SteppedOver(NamedTuple):
 
 
 def stepped_over(problem: Problem, solution: Solution, allowed: float) -> SteppedOver:
-    """Where the equations of motion lead to other rows than those of ``solution``.
+    """Check whether the equations of motion lead from row to row of ``solution``, or elsewhere.
 
-    The accelerations are evaluated at ``PLACES`` places on the cubic Hermite polynomials of the rows.  Where they are
-    farthest off the second derivatives of these the motion is integrated from the row before to the place, and on to the row
-    after.  A push shorter than the distance of two places may lie between them.
+    The accelerations are evaluated at ``PLACES`` places on the cubic Hermite polynomials of the rows.  Where they differ
+    most from the second derivatives, the motion is integrated from the row before to the row after.  A force pulse shorter
+    than the distance of two places may lie between them.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def stepped_over(problem: Problem, solution: Solution, allowed: float) -> Steppe
 def _disagreement(
     problem: Problem, equations: Equations, ways: tuple[Vector, Matrix, Vector], allowed: float
 ) -> tuple[str, float]:
-    """As a sentence, and the distance from the row."""
+    """Return the disagreement as a sentence and its distance from the row; "" and 0 if there is none."""
     n, size = problem.q0.size, np.concatenate(declared_sizes(problem))
     rows, states, without_event = ways
     index, sign = np.arange(PLACES), np.sign(rows[-1] - rows[0])
@@ -159,9 +159,10 @@ def _disagreement(
 
 
 def _ways(problem: Problem, solution: Solution, equations: Equations) -> tuple[Vector, Matrix, Vector]:
-    """Times (k + 1,) and states (k + 1, 2n) of the start, the rows, and the ends of steps where they are known.
+    """Return times (k + 1,) and states (k + 1, 2n) of start, rows and step ends, and which of the k intervals hold no
+    event.
 
-    Those that lie on a jump of the velocities are left out.  Third: which of the k ways between them hold no event.
+    Those that lie on a jump of the velocities are left out.
     """
     ends = ends_of(solution)
     t, q, v = [solution.t], [solution.q], [solution.v]

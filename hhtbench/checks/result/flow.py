@@ -1,7 +1,7 @@
-"""The motion from a state on, by a method of the bench's own: accelerations from the acceleration level, steps by DOP853.
+"""Independent integration from a given state: accelerations from the acceleration level, steps by DOP853.
 
-Independent of every solver that is judged: no code of ``solvers`` is used, and over the short windows in which it is needed
-the drift off the constraints is below its tolerance.
+No code of ``solvers`` is used, and over the short windows in which it is needed the drift off the constraints is
+below its tolerance.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ FINEST, COARSEST = 1e-12, 1e-6  # relative tolerances of the steps
 
 
 class NotJudged(Exception):
-    """The motion cannot be followed; the text says why, to end a sentence."""
+    """The motion cannot be integrated here; the text gives the reason."""
 
 
 class Equations:
-    """y' of y = [q, v] (2n,), counted, and the jumps of v that prescribed velocities make."""
+    """Right-hand side y' of y = [q, v] (2n,), with a limit on evaluations, and the jumps of v at prescribed motions."""
 
     def __init__(self, problem: Problem) -> None:
         self.jumps = find_jumps(problem)
@@ -50,7 +50,7 @@ class Equations:
         self._left = self._limit = 0
 
     def begin(self, limit: int, multipliers: Any = None) -> None:
-        """Allow ``limit`` evaluations; ``multipliers`` lam (m,), mu (p,) pick the root of a nonlinear reaction."""
+        """Allow ``limit`` evaluations; ``multipliers`` lam (m,), mu (p,) select the root of a nonlinear reaction."""
         self._left = self._limit = limit
         if not self.linear and multipliers is not None and tuple(map(np.size, multipliers)) == self._sizes:
             self._multipliers = tuple(multipliers)
@@ -61,7 +61,7 @@ class Equations:
         return min(self._limit, self._limit - self._left)
 
     def along_constraints(self, t: float, y: Vector, change: Vector, size: Vector) -> Vector:
-        """The part of a small ``change`` of y (2n,) that stays on the constraints; (2n,), in units of ``size``."""
+        """Project a small ``change`` of y (2n,) onto the tangent space of the constraints; (2n,), in units of ``size``."""
         if self._levels is None:
             return change
         n, m = self._n, self._sizes[0]
@@ -70,11 +70,11 @@ class Equations:
         return np.concatenate([x - s * np.linalg.lstsq(c * s, c @ x)[0] if len(c) else x for c, x, s in parts])
 
     def force(self, t: float, y: Vector) -> Vector:
-        """What acts but for the reactions, (n,)."""
+        """Return the forces without the reactions, (n,)."""
         return -self._left_over(self._level, t, y, np.zeros(sum(self._sizes)))
 
     def needed(self, t: float, y: Vector) -> tuple[Vector, Vector] | None:
-        """Accelerations (n,) and the reaction (n,) that the acceleration level determines; None where it does not."""
+        """Return accelerations (n,) and reaction (n,) from the acceleration level; None if they are not determined."""
         try:
             found = self._level.solve(t, y[: self._n].copy(), y[self._n :].copy(), *self._multipliers)
         except NonFiniteValue:
@@ -82,7 +82,7 @@ class Equations:
         return (found.vdot, self._reaction(self._level, t, y, (found.lam, found.mu))) if found.converged else None
 
     def reaction(self, t: float, y: Vector, multipliers: Any) -> Vector:
-        """Q(lam) + Q_k(mu) (n,) of ``multipliers`` lam (m,), mu (p,)."""
+        """Return the reaction Q(lam) + Q_k(mu) (n,) of ``multipliers`` lam (m,), mu (p,)."""
         return self._reaction(self._whole, t, y, multipliers)
 
     def _reaction(self, level: AccelerationLevel, t: float, y: Vector, multipliers: Any) -> Vector:
@@ -90,13 +90,13 @@ class Equations:
         return self._left_over(level, t, y, 0.0 * given) - self._left_over(level, t, y, given)
 
     def _left_over(self, level: AccelerationLevel, t: float, y: Vector, multipliers: Vector) -> Vector:
-        """Minus the forces and reactions of ``multipliers`` (m + p,) at no acceleration, (n,)."""
+        """Return minus the sum of forces and reactions of ``multipliers`` (m + p,), (n,)."""
         n = self._n
         x = np.concatenate([np.zeros(n), multipliers])
         return np.asarray(level.terms(t, y[:n].copy(), y[n:].copy(), x)[0][:n], dtype=np.float64)
 
     def __call__(self, t: float, y: Vector) -> Vector:
-        """[v, vdot]; NaN where the accelerations are not determined, from which a step is shortened."""
+        """Return [v, vdot]; NaN if the accelerations are not determined, so that the step is shortened."""
         self._left -= 1
         if self._left < 0:
             raise NotJudged(f"the motion in it takes more than {self._limit} evaluations")
@@ -113,7 +113,9 @@ class Equations:
         return np.concatenate([v, vdot])
 
     def _of_linear(self, t: float, q: Vector, v: Vector) -> Vector | None:
-        """vdot (n,) by a plain LU, ten times faster than the expert driver; None where the matrix is sparse or singular."""
+        """Return vdot (n,) by a plain LU, ten times faster than the expert driver; None if the matrix is sparse or
+        singular.
+        """
         size = self._n + sum(self._sizes)
         residual, matrix = self._level.terms(t, q, v, np.zeros(size))
         if not isinstance(matrix, np.ndarray):
@@ -124,7 +126,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Crossing:
-    """A jump that a motion has come across."""
+    """A jump that a motion has crossed."""
 
     i: int  #: its number
     t: float  #: [s]
@@ -135,11 +137,11 @@ class Crossing:
 class Flow:
     """The motion from (t, y) towards ``end`` [s]; its steps are made when a later state is asked for.
 
-    It is integrated piece by piece: up to a jump of the velocities, and on from the velocities that the impulse leaves.
+    It is integrated piecewise: up to a jump of the velocities, and on with the velocities after the impulse.
     """
 
     def __init__(self, equations: Equations, t: float, y: Vector, end: float, rtol: float, size: Vector) -> None:
-        """``rtol``, of the ``size`` (2n,) of y."""
+        """Start at (t, y) with the relative tolerance ``rtol``, scaled by the ``size`` (2n,) of y."""
         rtol = min(max(rtol, FINEST), COARSEST)
         self.equations, self.t, self._y, self._end, self._forward = equations, t, y, end, end > t
         self._tolerances: Any = {"rtol": rtol, "atol": rtol * size}
@@ -151,7 +153,7 @@ class Flow:
         self.rate: Vector = self._steps.f  #: y' (2n,) at ``t``
 
     def at(self, t: float) -> Vector:
-        """y (2n,) at ``t``, or as far as the interval goes."""
+        """Return y (2n,) at ``t``, or at the end of the interval if that comes first."""
         while self._steps.t != t and (self._steps.t < t) == self._forward:
             if self._steps.status == "running":
                 self._step()
@@ -167,7 +169,7 @@ class Flow:
         return self._y
 
     def change_at(self, i: int, y: Vector) -> Vector:
-        """The change of v (n,) by the impulse of jump ``i`` at the state y = [q, v] (2n,) before it."""
+        """Return the change of v (n,) by the impulse of jump ``i`` at the state y = [q, v] (2n,) before it."""
         q, v = np.split(y, 2)
         try:
             return self.jumps.velocities(i, q.copy(), v.copy())[0] - v
@@ -175,7 +177,7 @@ class Flow:
             raise NotJudged(str(error)) from error
 
     def _begin(self, t: float, y: Vector) -> None:
-        """Integrate from (t, y) to the next jump."""
+        """Start integrating from (t, y) to the next jump."""
         end = float(self.jumps.before[self._ahead[0]]) if self._ahead else self._end
         with np.errstate(all="ignore"):
             self._steps: Any = DOP853(self.equations, t, y, end, **self._tolerances)

@@ -1,6 +1,6 @@
-"""Everything that is held against a success: its rows, its steps, the constraints, the equations of motion.
+"""Apply all checks to a reported success: its rows, its steps, the constraints, the equations of motion.
 
-For campaigns, and for ``solution.verify()``.
+Used by campaigns and by ``solution.verify()``.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Ends, Solution
 
-MAX_WINDOWS = 60  # in a motion with many jumps: which of them is drawn
-DRAWN = 2  # windows that begin at rows which are drawn, beside the first row and the last but one
+MAX_WINDOWS = 60  # in a motion with many jumps; more are sampled at random
+DRAWN = 2  # windows that begin at random rows, beside the first row and the last but one
 MAX_NAMED = 5  # jumps that a message names
 NEAR = 50  # steps at the beginning of a window that are judged beside its output rows
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What speaks against a success, and what was checked."""
+    """Objection to a success, and what was checked."""
 
     doubt: str  #: begins with the name of the check that failed; "" where all is well
     windows: tuple[Window, ...] = ()  #: that were integrated again
@@ -43,7 +43,7 @@ class Judgement:
     jumps: tuple[float, ...] = ()  #: where prescribed velocities jump [s]: the motion is judged piece by piece
 
     def metrics(self) -> dict[str, Any]:
-        """``metrics["trust"]`` of a row."""
+        """Return ``metrics["trust"]`` of a row."""
         worst = max((window.off / window.bound for window in self.windows), default=None)
         judged = sum(window.judged for window in self.windows)
         found = {"motion": worst, "windows": judged, "not_judged": self.not_judged or None}
@@ -51,10 +51,10 @@ class Judgement:
 
 
 def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -> Judgement:
-    """Every check in turn until one fails; a result that is no success is not judged.
+    """Apply every check until one fails; a result that is no success is not judged.
 
-    The solver's own steps are judged where ``solution.ends`` holds them.  ``draw`` chooses the rows at which some of the
-    windows begin: nobody knows them before, the same number gives the same.
+    The solver's own steps are judged if ``solution.ends`` holds them.  ``draw`` seeds the choice of rows at which some
+    windows begin, so that a solver cannot know them; the same number gives the same rows.
     """
     doubt = doubt_about(problem, request, solution)
     if doubt or not solution.success:
@@ -73,7 +73,7 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
 
 
 def _beside_jumps(problem: Problem, solution: Solution, jumps: Jumps) -> Solution:
-    """``solution`` without rows and steps on a jump, where interpolants are on neither side; its ends are beside it."""
+    """Return ``solution`` without rows and steps at jumps, where interpolants are on neither side; its ends are moved."""
     if not jumps.times.size:
         return solution
     distance = SAME_TIME * abs(problem.t_span[1] - problem.t_span[0])
@@ -90,7 +90,7 @@ def _beside_jumps(problem: Problem, solution: Solution, jumps: Jumps) -> Solutio
 
 
 def _motion(problem: Problem, request: Request, solution: Solution, equations: Equations, draw: int) -> Judgement:
-    """The windows, and the multipliers of rows; ``solution`` has no rows on jumps."""
+    """Judge the windows and the multipliers of rows; ``solution`` has no rows at jumps."""
     jumps, size = equations.jumps, sizes_of(problem, solution.q, solution.v)
     at = tuple(jumps.times.tolist())
     follower = Follower(problem, request, equations, size, allowed_errors(problem, request, equations, size))
@@ -125,7 +125,7 @@ def _described(window: Window, request: Request, jumps: Jumps) -> str:
 
 
 def _starts(solution: Solution, jumps: Jumps, size: Vector, draw: int) -> list[int]:
-    """Output rows at which windows begin: the first, the last but one, some that are drawn, and what stands out."""
+    """Return the output rows at which windows begin: the first, the last but one, some random ones, and outliers."""
     count = solution.t.size
     if count < 2:
         return []
@@ -134,7 +134,7 @@ def _starts(solution: Solution, jumps: Jumps, size: Vector, draw: int) -> list[i
 
 
 def _outlying(rows: Solution | Ends, jumps: Jumps, size: Vector) -> list[int]:
-    """Those ``rows`` whose way to the next stands out among those between the same jumps, and the last before jumps."""
+    """Return ``rows`` whose change to the next row is an outlier between the same jumps, and the last before jumps."""
     pieces = _pieces(rows.t, jumps)
     found = [piece.stop - 1 for piece in pieces if piece.stop < rows.t.size]
     for piece in pieces:
@@ -143,7 +143,7 @@ def _outlying(rows: Solution | Ends, jumps: Jumps, size: Vector) -> list[int]:
 
 
 def _pieces(t: Vector, jumps: Jumps) -> list[slice]:
-    """The rows at ``t`` (k,) between neighbouring jumps."""
+    """Split the rows at ``t`` (k,) into slices between neighbouring jumps."""
     if not jumps.times.size:
         return [slice(0, t.size)]
     sign = np.sign(jumps.after[0] - jumps.before[0])
@@ -152,18 +152,18 @@ def _pieces(t: Vector, jumps: Jumps) -> list[slice]:
 
 
 def _follows_a_jump(solution: Solution, jumps: Jumps, i: int) -> bool:
-    """Whether row ``i`` is the first behind a jump: multipliers of the step across are those of the impulse."""
+    """True if row ``i`` is the first after a jump: the multipliers of the step across it are those of the impulse."""
     return i > 0 and bool(jumps.between(solution.t[i - 1], solution.t[i]))
 
 
 def _at_no_event(solution: Solution, some: list[int]) -> list[int]:
-    """Those rows of ``some`` that are not at an event which may have changed the state; the last one always."""
+    """Return those rows of ``some`` that are not at an event, which may have changed the state; the last one always."""
     events = np.concatenate([np.zeros(0), *solution.t_events])
     return [i for i in some if i == solution.t.size - 1 or solution.t[i] not in events]
 
 
 def _bent(follower: Follower, rows: list[Row], draw: int) -> list[int]:
-    """Those at which accelerations, the rows' own and some between them, fit least."""
+    """Return the rows at which the accelerations, at the rows and between them, fit the states least."""
     if len(rows) < 2:
         return []
     t, size, equations = np.array([row.t for row in rows]), follower.size, follower.equations
@@ -184,10 +184,10 @@ def _bent(follower: Follower, rows: list[Row], draw: int) -> list[int]:
 def _windows(
     problem: Problem, solution: Solution, jumps: Jumps, size: Vector, starts: list[int], draw: int
 ) -> Iterator[tuple[Rows, Multipliers]]:
-    """Rows of a few windows, from the last one on: output rows and steps together, with multipliers to begin with.
+    """Yield the rows of a few windows, from the last one on: output rows and steps together, with multipliers to begin
+    with.
 
-    They begin at the rows ``starts`` and where steps stand out from the others; they end at events, which may change the
-    state.
+    They begin at the rows ``starts`` and where steps are outliers; they end at events, which may change the state.
     """
     direction = -1.0 if problem.t_span[1] < problem.t_span[0] else 1.0
     events = np.sort(direction * np.concatenate([np.zeros(0), *solution.t_events]))
@@ -207,7 +207,7 @@ def _windows(
 
 
 def _rows(solution: Solution, start: float, direction: float) -> Rows:
-    """From ``start`` [s] on: rows of output, and the next steps."""
+    """Return the output rows from ``start`` [s] on, merged with the next steps."""
     i = int(np.searchsorted(direction * solution.t, direction * start, "left"))
     parts = [(solution.t[i:], solution.q[i:], solution.v[i:])]
     if (ends := solution.ends) is not None:

@@ -1,7 +1,4 @@
-"""Are the rows on the constraints?
-
-How far rows are off is measured by the bench; here only whether it can be believed.
-"""
+"""Check whether the rows satisfy the constraints at both levels, up to a believable violation."""
 
 from __future__ import annotations
 
@@ -20,18 +17,18 @@ from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
 
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
-DRIFT = 1e4  # times the relative tolerance: what forms that differentiate the constraints may drift in a long interval
+DRIFT = 1e4  # times the relative tolerance: drift allowed to forms that differentiate the constraints
 CHECKED_ROWS = 200  # the last one included: more would cost more than the steps
 SLOW_ROWS = 3  # of systems without machine code, where a row costs as much as a residual
-NUMBERS = 40_000  # of the constraint levels of all rows that are checked by machine code: a fraction of a millisecond
-BESIDE = 1e-3  # of the largest component: solvers measure the errors of small ones by what is beside them
+NUMBERS = 40_000  # most numbers of constraint levels that machine code evaluates in a check: a fraction of a millisecond
+BESIDE = 1e-3  # share of the largest component by which smaller ones are scaled at least, as solvers do
 
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
 _known = Cache(16)
 
 
 def believable(request: Request) -> float:
-    """The largest violation, in units of the typical size, of a solver that does what ``request`` asks."""
+    """Return the largest violation, in units of the typical size, expected of a solver that meets ``request``."""
     rtol = request.rtol
     if type(rtol) is not float:
         rtol = 0.0 if rtol is None else float(np.max(rtol))
@@ -39,7 +36,7 @@ def believable(request: Request) -> float:
 
 
 def spread(count: int, limit: int = CHECKED_ROWS) -> NDArray[np.intp]:
-    """Up to ``limit`` of ``count`` rows, evenly spread, the first and the last among them."""
+    """Return up to ``limit`` of ``count`` rows, evenly spread, the first and the last among them."""
     size = min(count, limit)
     return np.arange(size) * (count - 1) // max(size - 1, 1)
 
@@ -52,14 +49,14 @@ def violated(
     deep: bool = False,
     clock: Clock | None = None,
 ) -> str:
-    """Which constraint the rows t (k,), q and v (k, n) leave most, when and by how much; "" where it is believable.
+    """Describe the largest violation of a constraint by the rows t (k,), q and v (k, n); "" if it is believable.
 
     Parameters
     ----------
     deep
-        Check up to ``CHECKED_ROWS``, of slow and large systems too.
+        Check up to ``CHECKED_ROWS``, also for slow and large systems.
     clock
-        No further row of such a system is checked when its time is over.
+        Its time ends the check of further rows of such a system.
     """
     dynamics = derive(problem.system, problem.t_span[0], problem.q0, problem.v0)
     s = dynamics.structure
@@ -96,7 +93,7 @@ def violated(
 
 
 class AtRows:
-    """The constraint levels of one system at many rows: by machine code in one call, else one row after the other."""
+    """Constraint levels of one system at many rows: by machine code in one call, else row by row."""
 
     def __init__(self, dynamics: Dynamics) -> None:
         s = dynamics.structure
@@ -110,11 +107,11 @@ class AtRows:
         self._g, self._g_t, self._g_q, self._k, self._k_v, self._drift = map(slice, [0, *ends], ends)
 
     def computed(self, rows: Rows) -> Matrix | None:
-        """What machine code finds at ``rows``; None where there is none."""
+        """Evaluate the constraint levels at ``rows`` by machine code; None if there is none."""
         return None if self._terms is None else self._terms(*rows)
 
     def hold(self, found: Matrix, scales: Scales, bound: float) -> bool:
-        """Whether constraints are within ``bound`` by the declared scales, in a third of the time of :meth:`measured`."""
+        """True if all constraints are within ``bound`` of the declared scales; three times faster than :meth:`measured`."""
         n, m, p, count, held = self._n, self._m, self._p, len(found), 0
         allowed = np.empty((n, 2))
         allowed[:, 0], allowed[:, 1] = scales.q, scales.v
@@ -132,9 +129,10 @@ class AtRows:
     def measured(
         self, rows: Rows, typical: tuple[Vector, Vector, Vector], clock: Clock | None = None, found: Matrix | None = None
     ) -> tuple[Matrix, Matrix]:
-        """g, g_t + g_q v and k at ``rows``, and what Jacobians make of ``typical`` sizes there, (k, 2m + p) each.
+        """Return g, g_t + g_q v and k at ``rows``, and the sizes of their terms for ``typical`` sizes, (k, 2m + p) each.
 
-        These are of q, of v in k, and of v in the velocity level of g, (n,) each.  Rows beyond the time of ``clock`` are 0.
+        ``typical`` holds the sizes of q, of v in k, and of v in g_t + g_q v, (n,) each.  Rows beyond the time of ``clock``
+        are 0.
         """
         found = self.computed(rows) if found is None else found
         if found is not None:
@@ -152,7 +150,7 @@ class AtRows:
         return values, sizes
 
     def _together(self, found: Matrix, typical: tuple[Vector, Vector, Vector]) -> tuple[Matrix, Matrix]:
-        """Of what machine code has ``found``: g, g_t, g_q, k, k_v and the velocity level."""
+        """Compute values and sizes from the machine code's output: g, g_t, g_q, k, k_v and the velocity level."""
         n, m, p = self._n, self._m, self._p
         of_g = (np.abs(found[:, self._g_q]).reshape(-1, n) @ np.array(typical[::2]).T).reshape(len(found), m, 2)
         of_k = (np.abs(found[:, self._k_v]).reshape(-1, n) @ typical[1]).reshape(len(found), p)
@@ -162,13 +160,13 @@ class AtRows:
 
 
 def at_rows(dynamics: Dynamics) -> AtRows:
-    """Remembered."""
+    """Return the :class:`AtRows` of a system, cached."""
     found: AtRows = _known.find(by_id(dynamics), lambda: AtRows(dynamics))
     return found
 
 
 def declared_sizes(problem: Problem) -> tuple[Vector, Vector]:
-    """The scales of q and of v, (n,) each."""
+    """Return the scales of q and of v, (n,) each."""
     s_q, s_v = np.zeros((2, problem.q0.size))
     s_q += problem.scales.q
     s_v += problem.scales.v
@@ -176,11 +174,11 @@ def declared_sizes(problem: Problem) -> tuple[Vector, Vector]:
 
 
 def sizes_of(problem: Problem, q: Matrix, v: Matrix) -> Vector:
-    """Typical sizes of y = [q, v] (2n,): the largest of the rows ``q`` and ``v`` (k, n), or the declared scales."""
+    """Return typical sizes of y = [q, v] (2n,): the larger of the rows' maxima (``q`` and ``v``, (k, n)) and the scales."""
     return np.concatenate([_moving(*pair) for pair in zip((q, v), declared_sizes(problem), strict=True)])
 
 
 def _moving(rows: Matrix, declared: Vector) -> Vector:
-    """The largest of ``rows`` (k, n) or the ``declared`` sizes, (n,)."""
+    """Return the larger of the maxima of ``rows`` (k, n) and the ``declared`` sizes, (n,)."""
     size = np.maximum(np.maximum.reduce(np.abs(rows), axis=0), declared)
     return np.maximum(size, BESIDE * np.maximum.reduce(size))

@@ -1,12 +1,12 @@
-"""Do the rows obey the equations of motion between them?  Short windows are integrated again, from a row's own state.
+"""Check whether the rows obey the equations of motion: integrate short windows again, each from a row's own state.
 
-How far a later row lies from where the motion leads from the window's first row is the error that the solver has made in the
-window.  It may be ``BOUND`` times what the tolerance, or the length of the steps, allows of one step, together with what
-becomes of a disturbance of that size in the window: two disturbed motions are integrated beside.  So vibrations and unstable
-motions set their own measure.
+The distance of a later row from the motion that starts at the window's first row is the solver's error in the
+window.  It may be ``BOUND`` times the error allowed of one step by the tolerance or the step length, together with the
+growth of a disturbance of that size in the window: two disturbed motions are integrated too.  So vibrations and unstable
+motions set their own bound.
 
-The same measure shows what a window can show: the distance of the motion from a straight line, which knows of no force.  A
-window goes on until that is ``SEEN`` times what is allowed.
+The same bound shows what a window can detect: the distance of the motion from a straight line, the motion without forces.
+A window continues until that is ``LEAVES_LINE`` times what is allowed.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.request import Request
 
 BOUND = 50.0  # times the error allowed of a step: a window has many, and libraries miss their tolerances tenfold at times
-LEAST = 10.0  # of BOUND, where BELIEVABLE lowers it
-BELIEVABLE = 0.02  # of the typical size: where tolerances allow that much, many steps of such errors are no motion any more
-LEFT = 0.4  # of the typical size: that far from a straight line the motion can be distinguished from it at any tolerance
-AS_FAR = 0.8  # of the way from the motion to the straight line: rows that far off know nothing of forces
-SEEN = 20.0  # times the bound: how far the motion has left a straight line where a window ends
+MIN_BOUND = 10.0  # smallest value to which BELIEVABLE lowers BOUND
+BELIEVABLE = 0.02  # largest error, over the typical size, that any tolerance allows of a step times BOUND
+LEFT = 0.4  # distance from a straight line, over the typical size, that distinguishes the motion from it at any tolerance
+AS_FAR = 0.8  # of the way from the motion to the straight line: rows that far off ignore the forces
+LEAVES_LINE = 20.0  # times the bound: distance of the motion from a straight line at which a window ends
 MAX_EVALUATIONS = 800  # of the equations, for one motion in one window
-ACCURACY = 1e-3  # of the allowed error: that of the integration here
-SMALL = 0.1  # of the allowed error: disturbances, so that what becomes of them is in proportion
+ACCURACY = 1e-3  # error of the integration here, over the allowed error
+SMALL = 0.1  # size of disturbances over the allowed error: small, so that their growth is linear
 MAX_DISTURBED = 8  # motions beside one that the rows do not follow
 
 
@@ -44,7 +44,7 @@ class Rows(NamedTuple):
 
 
 class Multipliers(NamedTuple):
-    """Those of a window's first row, which pick the root where the reaction is nonlinear."""
+    """Multipliers of a window's first row, which select the root of a nonlinear reaction."""
 
     lam: Vector  #: (m,)
     mu: Vector  #: (p,)
@@ -52,24 +52,24 @@ class Multipliers(NamedTuple):
 
 @dataclass(frozen=True)
 class Window:
-    """What one window has shown; errors are over what is allowed of a step."""
+    """Result of one window; errors are divided by what is allowed of a step."""
 
     start: float  #: [s]
     at: float  #: where the largest error is [s]
     off: float = 0.0  #: the largest error
-    bound: float = BOUND  #: what it may be
+    bound: float = BOUND  #: largest allowed value of ``off``
     seen: float = 0.0  #: the largest error of a straight line from the first row
     blind: float | None = None  #: error over the straight line's, where the motion has left that by ``LEFT``; None: nowhere
     unfinished: str = ""  #: why it ends before the last row although the motion has not left the straight line
 
     @property
     def failed(self) -> bool:
-        """Whether its rows show another motion."""
+        """True if its rows show another motion."""
         return not self.off <= self.bound or (self.blind is not None and not self.blind <= AS_FAR)
 
     @property
     def judged(self) -> bool:
-        """Whether a straight line would have failed."""
+        """True if the window is long enough to judge: a straight line would have failed."""
         return self.failed or self.seen > self.bound or self.blind is not None
 
 
@@ -84,7 +84,7 @@ class Follower:
     allowed: Vector  #: (2n,) the errors allowed of a step, of prescribed steps: of the first ones
 
     def follow(self, rows: Rows, multipliers: Multipliers | None = None) -> Window:
-        """The motion from the first of ``rows`` beside the others; disturbed ones too where these do not follow it."""
+        """Compare ``rows`` with the motion from the first; integrate disturbed motions too if they do not follow it."""
         t, y = rows.t, np.concatenate([rows.q, rows.v], axis=1)
         self.equations.begin(MAX_EVALUATIONS, multipliers)
         try:
@@ -96,7 +96,7 @@ class Follower:
 
         def left_line(i: int, state: Vector) -> bool:
             limits.append(allowed_until(float(t[i])))
-            return self._over(state - line[i], limits[i]) > SEEN * self._bound(limits[i])
+            return self._over(state - line[i], limits[i]) > LEAVES_LINE * self._bound(limits[i])
 
         states, why = _along(motion, t, left_line)
         if not limits:
@@ -128,7 +128,7 @@ class Follower:
         return window
 
     def _begin(self, t: float, y: Vector) -> tuple[Flow, Callable[[float], Vector]]:
-        """The motion from (t, y), and the errors allowed of a step (2n,) until a time."""
+        """Return the motion from (t, y), and a function of time that gives the errors allowed of a step (2n,) until then."""
         motion = self._flow(t, y, self.allowed)
         if not self.request.fixed:
             return motion, lambda _: self.allowed
@@ -136,7 +136,7 @@ class Follower:
         return motion, lambda until: np.maximum(self.allowed, missed.until(until))
 
     def allowed_at(self, t: float, y: Vector) -> Vector:
-        """The errors allowed of a step (2n,) at (t, y), to the side on which more of the interval lies."""
+        """Return the errors allowed of a step (2n,) at (t, y), in the direction in which more of the interval lies."""
         if not self.request.fixed:
             return self.allowed
         end = max(self.problem.t_span, key=lambda end: abs(end - t))
@@ -145,8 +145,8 @@ class Follower:
         return np.maximum(self.allowed, Missed(motion, (t, end), self.problem, self.request, self.size).so_far)
 
     def _bound(self, allowed: Vector) -> float:
-        """How often an ``allowed`` error (2n,) rows may be off."""
-        return float(np.clip(BELIEVABLE / np.max(allowed / self.size), LEAST, BOUND))
+        """Return the factor on an ``allowed`` error (2n,) by which rows may be off."""
+        return float(np.clip(BELIEVABLE / np.max(allowed / self.size), MIN_BOUND, BOUND))
 
     def _flow(self, t: float, y: Vector, allowed: Vector, end: float | None = None) -> Flow:
         end, rtol = self.problem.t_span[1] if end is None else end, ACCURACY * float(np.min(allowed / self.size))
@@ -155,7 +155,7 @@ class Follower:
     def _window(
         self, t: Vector, y: Matrix, states: Matrix, line: Matrix, bound: float, allowed: Matrix | Vector, why: str
     ) -> Window:
-        """Rows ``y``, and the straight ``line``, beside the ``states`` of the motion, as far as these go (k, 2n)."""
+        """Compare rows ``y`` and the straight ``line`` with the ``states`` of the motion, (k, 2n), as far as these go."""
         k, limits = len(states), np.broadcast_to(allowed, states.shape)
         resolved = self._distance(limits[0]) <= LEFT / 2  # else the steps are too long, or the tolerance too loose
         off, seen, blind = 0.0, 0.0, None
@@ -170,23 +170,25 @@ class Follower:
         return Window(float(t[0]), float(t[worst]), off=off, bound=bound, seen=seen, blind=blind, unfinished=why)
 
     def _blind(self, error: Vector, left: Vector) -> float | None:
-        """The error of q or v over the distance ``left`` of the straight line, where that is ``LEFT``; None elsewhere."""
+        """Return the error of q or v over the distance ``left`` of the straight line if that exceeds ``LEFT``, or None."""
         errors, distances = np.split(np.abs(error) / self.size, 2), np.split(np.abs(left) / self.size, 2)
         found = [float(np.max(e) / np.max(d)) for e, d in zip(errors, distances, strict=True) if np.max(d) >= LEFT]
         return max(found, default=None)
 
     def _distance(self, error: Vector) -> float:
-        """The largest error of y (2n,), in typical sizes."""
+        """Return the largest error of y (2n,), in typical sizes."""
         return float(np.max(np.abs(error) / self.size))
 
     def _over(self, error: Vector, allowed: Vector) -> float:
-        """The larger of the errors of q and of v (2n,), each over what is allowed, in typical sizes."""
+        """Return the larger of the errors of q and v (2n,), each divided by what is allowed, in typical sizes."""
         parts = np.split(np.abs(error) / self.size, 2), np.split(allowed / self.size, 2)
         return max(float(np.max(e) / np.max(a)) for e, a in zip(*parts, strict=True))
 
 
 def _along(motion: Flow, times: Vector, until: Callable[[int, Vector], bool] = lambda i, y: False) -> tuple[Matrix, str]:
-    """The states of ``motion`` at ``times`` (k, 2n), up to one for which ``until`` holds; why there are fewer, or ""."""
+    """Return the states of ``motion`` at ``times`` (k, 2n), up to one for which ``until`` holds, and why it ends early, or
+    "".
+    """
     states: list[Vector] = []
     try:
         for i, t in enumerate(times.tolist()):
@@ -199,7 +201,7 @@ def _along(motion: Flow, times: Vector, until: Callable[[int, Vector], bool] = l
 
 
 def signs(size: int) -> Iterator[Vector]:
-    """Directions of disturbances, (size,) each: signs without an order."""
+    """Yield directions of disturbances, (size,) each: pseudo-random signs."""
     index = np.arange(1.0, size + 1)
     for k in range(MAX_DISTURBED):
         yield np.where(np.cos((k + 1.0) * index**2) >= 0.0, 1.0, -1.0)

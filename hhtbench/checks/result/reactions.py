@@ -1,11 +1,11 @@
-"""Do the multipliers of a row make its accelerations?  They are held against the forces, so that any set will do that does.
+"""Check whether the multipliers of a row produce its accelerations; compared are reaction forces, not multipliers.
 
 At a row's own state the acceleration level determines the reaction; multipliers of redundant constraints are not unique,
-their reaction is.  What the row's multipliers leave of the equations of motion may be as large as what errors of the state
-make of the reaction, as often those allowed of a step as elsewhere, and what the reaction changes in a step: the multipliers
-of many methods are those of a stage, or of the step before.  A step of h whose error, of second order, is of relative size e
-turns the motion by about sqrt(e), and so much of every component is believed: of the row's own, or of that of half the rows
-where it is larger.
+their reaction is.  The residual of the row's multipliers in the equations of motion may be as large as the change of the
+reaction by errors of the state (those allowed of a step, by the factor used elsewhere), plus the change of the reaction
+within a step, since the multipliers of many methods are those of a stage, or of the step before.  A step of h whose
+second-order error is of relative size e turns the motion by about sqrt(e); this share of every component is allowed: of the
+row's own, or of the median over the rows if larger.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Solution
 
-ROUNDOFF = 1e-8  # of the largest force
+ROUNDOFF = 1e-8  # roundoff of the reaction over the largest force
 LAG = 7.0  # times the square root of the error allowed of a step, in typical sizes: HHT's stages lag by up to 5.4
-MAX_SHARE = 0.5  # of the reaction: what is further off has no digit
-BESIDE = 1e-3  # of the largest component: errors of small ones are measured by what is beside them
+MAX_SHARE = 0.5  # largest allowed error over the reaction: beyond it no digit is right
+BESIDE = 1e-3  # share of the largest component by which smaller ones are scaled at least
 STATES_BESIDE = 2  # states beside that of the row
 
 
 @dataclass(frozen=True)
 class Row:
-    """What the acceleration level needs at a row of a solution."""
+    """Data of the acceleration level at a row of a solution."""
 
     i: int
     t: float  #: [s]
@@ -40,7 +40,7 @@ class Row:
 
 
 def rows_of(follower: Follower, solution: Solution, some: list[int]) -> list[Row]:
-    """The rows ``some`` of ``solution`` that have multipliers, and at which accelerations are determined."""
+    """Return those of the rows ``some`` of ``solution`` that have multipliers and determined accelerations."""
     rows, unknown = [], solution.unknown
     for i in (i for i in some if not unknown[i]):
         t, y = float(solution.t[i]), np.concatenate([solution.q[i], solution.v[i]])
@@ -53,7 +53,7 @@ def rows_of(follower: Follower, solution: Solution, some: list[int]) -> list[Row
 
 
 def wrong_reactions(follower: Follower, rows: list[Row]) -> str:
-    """At which of ``rows`` the multipliers make another reaction than is needed, as a sentence; "" where at none."""
+    """Describe the first of ``rows`` whose multipliers give a wrong reaction, as a sentence; "" if there is none."""
     if not rows:
         return ""
     typical = np.median([np.abs(row.reaction) for row in rows], axis=0)

@@ -1,4 +1,4 @@
-"""Can what a campaign measures beside a solve be: its work in the time it took, and the end of a second solve?"""
+"""Plausibility of what a campaign measures beside a solve: work per time, and the end of a second solve."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution
 
-ANOTHER, GLOBAL = 0.4, 1e4  # of the size, and times the relative tolerance: beyond it two solves have different ends
+ANOTHER, GLOBAL = 0.4, 1e4  # largest believable difference of two ends: over the size, and over the relative tolerance
 FASTEST = 1e-10  # s: no computer takes a step, or evaluates a force, in less
 
 
 def impossible_work(counters: Counters, seconds: float) -> str:
-    """Which counter is more than could be done in so many ``seconds`` of wall time; "" if none."""
+    """Name a counter that is too large for ``seconds`` of wall time; "" if none."""
     for field in fields(Counters):
         value = getattr(counters, field.name)
         if isinstance(value, (int, np.integer)) and value * FASTEST > seconds:
@@ -24,7 +24,7 @@ def impossible_work(counters: Counters, seconds: float) -> str:
 
 
 def ends_elsewhere(problem: Problem, request: Request, first: Solution, again: Solution) -> str:
-    """How far apart two solves end that were asked for the same; "" where that can be believed."""
+    """Describe the difference between the ends of two solves of the same request; "" if it is believable."""
     if not (first.t.size and again.t.size and first.t[-1] == again.t[-1]):
         return ""
     rtol = 0.0 if request.rtol is None else float(np.max(request.rtol))

@@ -1,7 +1,7 @@
-"""Can a success be believed?  Types, shapes, times, finiteness, the start, the work, constraints, rows that stand still.
+"""Check a reported success: types, shapes, times, finiteness, start, work, constraints, rows that do not move.
 
-Each check gives the empty text or what speaks against a success, beginning with the name of the check.  None integrates:
-all of them together take some microseconds, and :func:`check_success` makes them of every success that ``hb.solve`` returns.
+Each check returns "" or the objection, beginning with the name of the check.  None integrates:
+together they take some microseconds, and :func:`check_success` applies them to every success that ``hb.solve`` returns.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Ends, Solution, Status
 
-SAME_TIME = 1e-9  # of the interval: how far a row may lie from the time that was asked for
-SAME_START = 1e-6  # of the size, or twice the relative tolerance: how far the first row may lie from the start
-REPORTED = 0.9  # of the steps that are counted: so many ends at least
+SAME_TIME = 1e-9  # largest distance of a row from its output time, over the interval
+SAME_START = 1e-6  # largest distance of the first row from the start, over the size (or twice the relative tolerance)
+REPORTED = 0.9  # smallest number of step ends over the counted steps
 COUNTED = tuple(field.name for field in fields(Counters) if field.name != "provenance")
 EMPTY = np.zeros(0)
-MOVED = 0.1  # of the typical size: by that much the start leads away over the interval, to first order
+MOVED = 0.1  # first-order motion over the interval, in typical sizes, above which rows must not stand still
 
 
 def check_success(problem: Problem, request: Request, solution: Any, clock: Clock | None = None) -> str:
-    """Why what a solver returned as a success cannot be one; "" where nothing says so, or where it is no success.
+    """Return why a returned success cannot be one; "" if there is no objection, or if it is no success.
 
-    Functions of a NumPy system are called at few rows, and no more when the time of ``clock`` is over.
+    Functions of a NumPy system are called at few rows, and no more once the time of ``clock`` is over.
     """
     doubt = doubt_about(problem, request, solution)
     if doubt or not solution.success:
@@ -48,7 +48,7 @@ def check_success(problem: Problem, request: Request, solution: Any, clock: Cloc
 
 
 def wrong_columns(problem: Problem, solution: Solution) -> str:
-    """Which multipliers have not one column for each constraint; "" where all have."""
+    """Name the multipliers that do not have one column per constraint; "" if all have."""
     structure = derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure
     for name, wanted in (("lam", structure.m), ("mu", structure.p)):
         found = getattr(solution, name).shape[1]
@@ -58,7 +58,7 @@ def wrong_columns(problem: Problem, solution: Solution) -> str:
 
 
 def _moved_start(problem: Problem, request: Request, solution: Solution) -> str:
-    """That a consistent start was moved, which ``calc_initcond`` leaves where it is; "" where it was not."""
+    """State that a consistent start was moved although ``calc_initcond`` must leave it; "" if it was not."""
     place = problem.t_span[0], problem.q0, problem.v0
     if not request.calc_initcond:
         return ""
@@ -69,7 +69,7 @@ def _moved_start(problem: Problem, request: Request, solution: Solution) -> str:
 
 
 def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
-    """Why what a solver returned as a success cannot be one; "" where nothing says so, or where it is no success."""
+    """Return why a returned success cannot be one, from the result alone; "" if there is no objection or no success."""
     if not isinstance(solution, Solution) or not isinstance(solution.status, Status):
         return f"type: a Solution with a Status was expected; the solver returned {type(solution).__name__}."
     if not solution.success:
@@ -89,7 +89,7 @@ def doubt_about(problem: Problem, request: Request, solution: Any) -> str:
 
 
 def too_few(ends: Ends, counters: Counters) -> bool:
-    """Whether they cannot be all ends of the steps that are counted; far from t = 0 times are rounded to one."""
+    """True if ``ends`` cannot be all ends of the counted steps; far from t = 0, times may be rounded to one."""
     gap = float(np.abs(np.diff(ends.t)).min(initial=np.inf))
     return ends.t.size < REPORTED * (counters.steps_accepted or 0) and gap > 4 * np.spacing(np.abs(ends.t).max())
 
@@ -133,7 +133,7 @@ def _shapes(problem: Problem, solution: Solution) -> str:
 
 
 def _finite(rows: Solution | Ends) -> str:
-    """Which of t, q, v is not finite; of a Solution's multipliers, which may be nan, which is infinite."""
+    """Name the first of t, q, v that is not finite, or multiplier that is infinite (a Solution's may be NaN); "" if none."""
     for name in ("t", "q", "v", "lam", "mu"):
         value = getattr(rows, name, EMPTY)
         if all_finite(value):
@@ -225,7 +225,7 @@ def _span(problem: Problem) -> float:
 
 
 def _rests(problem: Problem, solution: Solution) -> str:
-    """That the rows are one state bit by bit although it cannot rest; else ""."""
+    """State that all rows are one state although it is no equilibrium; else ""."""
     t, q, v = solution.t, solution.q, solution.v
     if t[0] == t[-1] or not (np.all(q == q[0]) and np.all(v == v[0])):
         return ""

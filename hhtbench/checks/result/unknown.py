@@ -1,4 +1,4 @@
-"""Do constraints lose rank where multipliers are nan?"""
+"""Check that the constraints lose rank wherever a solution's multipliers are NaN."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.result import Solution
 
-LOST = 1e-2  # of a singular value elsewhere: below it no digit of multipliers need be known
-ALWAYS = 1e-10  # of the largest singular value: those of redundant constraints are always below
+LOST = 1e-2  # ratio of a singular value to its value elsewhere below which NaN multipliers are accepted
+ALWAYS = 1e-10  # ratio to the largest singular value below which constraints are redundant everywhere
 ELSEWHERE = 20  # rows that show what singular values are elsewhere
 
 
 def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | None = None) -> str:
-    """Which row has nan for a multiplier although no constraint there depends on others; "" where none has.
+    """Name a row with a NaN multiplier although the constraints have full rank there; "" if there is none.
 
-    Compared are singular values of [g_q; k_v], with columns of typical velocities and rows over their largest size in the
-    run, with the largest of the same order at a few rows and at the start, until the time of ``clock`` is over.
+    Singular values of [g_q; k_v], scaled by typical velocities and the rows' largest size in the run, are compared with the
+    largest of the same order at a few rows and at the start, until the time of ``clock`` is over.
     """
     unknown = np.flatnonzero(solution.unknown)
     if not unknown.size:
@@ -54,5 +54,5 @@ def unknown_without_reason(problem: Problem, solution: Solution, clock: Clock | 
 
 
 def _singular_values(rows: Matrix) -> Vector:
-    """In falling order."""
+    """Return the singular values in falling order."""
     return np.asarray(np.linalg.svd(rows, compute_uv=False), dtype=np.float64)

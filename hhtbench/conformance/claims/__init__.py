@@ -1,1 +1,1 @@
-"""What every solver is held to, a module for each kind of claim; every claim is a function and its docstring."""
+"""Claims that every solver must meet, one module per kind; each is a function whose docstring states the claim."""

@@ -1,4 +1,4 @@
-"""How a solver behaves: inputs left alone, the same bits again, rows where they are asked for, nothing changed aside."""
+"""Claims on conduct: inputs are not changed, results are reproducible, rows are where they were asked for."""
 
 from __future__ import annotations
 

@@ -19,19 +19,19 @@ GROWN = 10.0  # a second after steps of a thousandth no method needs them any mo
 
 
 class Pushed(System):
-    """A bead on the x axis."""
+    """A bead on the x axis, pushed from ``BEGINS`` on."""
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Along the axis."""
+        """Applied force: along the axis."""
         return jnp.array([SIZE / 2, 0.0]) * (1.0 + jnp.tanh((t - BEGINS) / WITHIN))
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The bead stays on it."""
+        """Position constraints: the bead stays on it."""
         return q[1:]
 
 
 def _speed(t: float) -> float:
-    """Of the bead from rest, exact."""
+    """Exact speed of the bead from rest [m/s]."""
     s, s0 = (t - BEGINS) / WITHIN, -BEGINS / WITHIN
     return SIZE / 2 * (t + WITHIN * (_log_cosh(s) - _log_cosh(s0)))
 

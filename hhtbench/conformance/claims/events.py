@@ -22,13 +22,13 @@ REACHED = 1e-9  # m: what a motion that ends at an event may be beside it
 
 
 def _times() -> Vector:
-    """When the pendulum passes ``HEIGHT``, first falling, then rising [s]."""
+    """Return the times at which the pendulum passes ``HEIGHT``, first falling, then rising [s]."""
     first = float(brentq(lambda t: swing(t)[0] - ANGLE, 0.0, PERIOD / 4, xtol=1e-14))
     return np.array([first, PERIOD / 2 - first])
 
 
 def _height(direction: int, terminal: bool) -> Callable[..., Any]:
-    """The event function, with the attributes that SciPy gives such functions."""
+    """Return the event function, with SciPy's attributes ``direction`` and ``terminal``."""
 
     def height(t: Any, q: Any, v: Any) -> Any:
         return q[1] - HEIGHT
@@ -38,7 +38,7 @@ def _height(direction: int, terminal: bool) -> Callable[..., Any]:
 
 
 def _solved(subject: Subject, direction: int = 0, terminal: bool = False) -> tuple[Scene, Solution, float]:
-    """The pendulum with that event, and what its error may be."""
+    """Solve the pendulum with that event; return scene, solution and the allowed error."""
     scene, request = subject.case("position", 1)
     solver = subject.having("with_events")(_height(direction, terminal))
     return scene, subject.solve(scene.problem, solver, **request), subject.bound(request, scene.problem)

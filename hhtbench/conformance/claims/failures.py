@@ -1,4 +1,4 @@
-"""What goes wrong is said: budgets, values that are not finite, exceptions, starts off the constraints."""
+"""Claims on failures: budgets, values that are not finite, exceptions and inconsistent starts are reported."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def counted_evaluations_are_calls(subject: Subject) -> None:
 
 
 def _counted(names: list[str], calls: list[float]) -> dict[str, Any]:
-    """Functions of the pendulum whose calls are noted."""
+    """Return functions of the pendulum that record their calls."""
     system = numpy_pendulum().problem.system
 
     def noted(function: Any, t: float, *arguments: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The same motion described otherwise: units, axes, origin, time, direction, halves."""
+"""Claims on invariance: the same motion in other units, axes, origins, times, directions, or in two halves."""
 
 from __future__ import annotations
 

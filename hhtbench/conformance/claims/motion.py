@@ -1,4 +1,4 @@
-"""The motion itself: order, tolerance, both constraint levels, multipliers, energy, on every kind of equation."""
+"""Claims on the motion: order, tolerance, both constraint levels, multipliers, energy, for every kind of equation."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ENERGETIC = tuple(name for name in EVERY if name != "mass" and name != "mixed")
 FALLS = 0.8  # least order of a method that claims none
 MAX_SHORT = 0.2  # by how much a measured order may miss the claimed one
 RECOVERED = 1e-6  # relative difference of multipliers from those of the acceleration level at the same state
-DIFFERENCES = 1e-8  # what constraints hold to whose derivatives are differences
+DIFFERENCES = 1e-8  # violation of constraints whose derivatives are differences
 DERIVATIVES = ("constraint_jacobian", "constraint_time_derivative", "constraint_acceleration", "force_jacobians")
 UNEVEN = np.array([1.0, 2.0, 1.5, 3.0, 1.0])  # lengths of steps, as parts of one another
 TILES = (40, 80)  # of them
@@ -70,7 +70,7 @@ def error_falls_with_changing_steps(subject: Subject, name: str) -> None:
 
 
 def _expect_orders(subject: Subject, scene: Scene, coarse: dict[str, float], fine: dict[str, float]) -> None:
-    """The errors fall as claimed where steps are halved."""
+    """Assert that the errors fall with the claimed order when steps are halved."""
     wanted = FALLS if subject.claims.order is None else subject.claims.order - MAX_SHORT
     for which, error in fine.items():
         order = math.log2(max(coarse[which], 1e-300) / max(error, 1e-300))

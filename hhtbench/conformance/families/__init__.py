@@ -1,1 +1,1 @@
-"""One parameter after the other up to its extremes, each judged by what is known without any solver."""
+"""Families of cells that drive one parameter to its extremes, each judged without any solver."""

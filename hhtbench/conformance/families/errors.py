@@ -1,4 +1,4 @@
-"""Errors against what is known of a motion: its closed solution, the levels of its constraints, its energy."""
+"""Errors of a solution against its closed solution, the levels of its constraints or its energy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hhtbench.solution.result import Solution
 
 
 def motion(most: float) -> dict[str, Expected]:
-    """q and v are those of the closed solution, scaled, at every row."""
+    """Expect scaled q and v of the closed solution at every row."""
     return {"motion": Expected(error=off, most=most)}
 
 
@@ -23,9 +23,9 @@ HALF = 0.5  # of the multipliers' scale: an error above it is a reaction that do
 
 
 def reacting(most: float, rows: Matrix | None = None) -> dict[str, Expected]:
-    """The same, and the multipliers, ten times less exactly, at every row but the first, which may be before a jump.
+    """Expect q and v of the closed solution, and multipliers ten times less exactly, at every row but the first.
 
-    Where ``rows`` (m, p) of p constraints share a reaction it is known in their sum only.
+    The first row may be before a jump.  If the ``rows`` (m, p) of p constraints share a reaction, only their sum is known.
     """
 
     def error(problem: Problem, found: Solution) -> float:
@@ -49,7 +49,7 @@ def exact(problem: Problem, found: Solution, name: str) -> Matrix:
 
 
 def along(direction: Any) -> Error:
-    """Error of q and v, scaled, along a ``direction`` (n,) of unit length."""
+    """Return the error function of scaled q and v along a unit ``direction`` (n,)."""
     u = np.asarray(direction, dtype=np.float64)
 
     def error(problem: Problem, found: Solution) -> float:
@@ -66,7 +66,7 @@ def at_the_end(problem: Problem, found: Solution) -> float:
 
 
 class KnownMotion(NamedTuple):
-    """Of a problem."""
+    """Known motion of a problem at some times."""
 
     t: Vector  #: (k,) [s]
     q: Matrix  #: (k, n)
@@ -86,7 +86,7 @@ def known_motion(problem: Problem, times: Vector) -> KnownMotion:
 
 
 def held(violated: Callable[[float, Vector, Vector], Any]) -> Error:
-    """Largest violation of constraints over the rows, in their own units."""
+    """Return the error function for the largest violation of constraints over the rows, in their own units."""
 
     def error(problem: Problem, found: Solution, *further: Solution) -> float:
         return float(np.max([np.max(np.abs(violated(*row))) for row in zip(found.t, found.q, found.v, strict=True)]))
@@ -95,7 +95,7 @@ def held(violated: Callable[[float, Vector, Vector], Any]) -> Error:
 
 
 def kept(quantity: Callable[[Vector, Vector], float], size: float) -> Error:
-    """Largest change of ``quantity(q, v)`` over the rows, over its ``size``."""
+    """Return the error function for the largest change of ``quantity(q, v)`` over the rows, divided by ``size``."""
 
     def error(problem: Problem, found: Solution) -> float:
         values = np.array([quantity(q, v) for q, v in zip(found.q, found.v, strict=True)])

@@ -49,10 +49,11 @@ def long_run(seed: int) -> Iterator[Cell]:
 
 
 def _drifting(swings: int) -> tuple[float, float, float]:
-    """What levels, energy and phase may be off by under error control, whose errors add up.
+    """Return the allowed errors of levels, energy and phase under error control, where errors accumulate.
 
     The period goes with K(m), and m with half the energy over its range: energy that is lost turns the phase by pi/2 K'/K
-    times what a swing loses times the square of the swings.  Of a phase that is off by half a turn nothing is known.
+    times the loss per swing times the square of the number of swings.  A phase error of half a turn is the largest
+    measurable.
     """
     slope = (ellipe(M) / ellipk(M) / (1 - M) - 1) / (2 * M)
     phase = PHASE * swings + math.pi / 2 * slope * LOST * swings**2
@@ -83,15 +84,15 @@ def _levels(t: float, q: Vector, v: Vector) -> Vector:
 
 
 def half_swings(swings: int) -> Vector:
-    """At which the rows are, of 1 s each: odd and even ones in turn, and the last."""
+    """Return the half swings at which there are rows, 1 s each: odd and even ones alternately, and the last."""
     apart = max(1, 2 * swings // ROWS) | 1
     return np.append(np.arange(0, 2 * swings, apart), 2 * swings)
 
 
 def _phase(halves: Vector, problem: Problem, found: Solution) -> float:
-    """Largest phase after half swings [rad], at each of which it stands still on the other side.
+    """Return the largest phase error after half swings [rad], where the pendulum is at rest on the other side.
 
-    Of Jacobi's u: sin(angle/2) = k sn u and rate = 2 k w cn u, k^2 = M and w = QUARTER / 0.5 s.
+    From Jacobi's u: sin(angle/2) = k sn u and rate = 2 k w cn u, k^2 = M and w = QUARTER / 0.5 s.
     """
     angle = np.arctan2(found.q[:, 0], -found.q[:, 1])
     rate = found.v[:, 1] * found.q[:, 0] - found.v[:, 0] * found.q[:, 1]  # the rod is 1 m long

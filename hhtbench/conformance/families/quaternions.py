@@ -26,26 +26,28 @@ LEVELS = 1e-12  # of both levels with prescribed steps
 
 
 class Turning(System):
-    """``q`` (4,): a quaternion of the length ``length``; its row is ``scale`` times what makes it so."""
+    """A freely rotating body, ``q`` (4,) a quaternion of length ``length`` whose norm constraint is multiplied by
+    ``scale``.
+    """
 
     length: Any = parameter(1.0, doc="of the quaternion")
     scale: Any = parameter(1.0, doc="of the row of the constraint")
 
     def mass_matrix(self, t: Any, q: Any) -> Any:
-        """(4, 4): moments over length^4, since rates are 2 G q' / length^2."""
+        """Mass matrix: (4, 4): moments over length^4, since rates are 2 G q' / length^2."""
         return rotational_mass(q, MOMENTS / self.length**4, ALONG / self.length**4)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """No moment but the terms quadratic in q'."""
+        """Applied force: no moment but the terms quadratic in q'."""
         return rotational_force(q, v, MOMENTS / self.length**4)
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The length."""
+        """Position constraints: the length."""
         return self.scale * (q @ q - self.length**2)[None]
 
 
 def turning(length: float, scale: float) -> Problem:
-    """Free and symmetric: it turns about its momentum with |L| / A, and about its own axis with (1 - C / A) times its spin.
+    """Problem of a free symmetric body that precesses about its momentum with |L| / A and spins with (1 - C / A) w3.
 
     Along q the equations are 2 scale length^2 lam = 2 w.J w + ALONG |w|^2, w the rates in the body's frame.
     """
@@ -63,18 +65,18 @@ def turning(length: float, scale: float) -> Problem:
 
 
 def _turn(rate: Vector, t: float) -> Vector:
-    """Quaternion (4,) of the turn by ``rate`` (3,) [rad/s] in ``t`` [s]."""
+    """Quaternion (4,) of the rotation by ``rate`` (3,) [rad/s] in ``t`` [s]."""
     speed = float(np.linalg.norm(rate))
     return np.concatenate([[np.cos(speed * t / 2)], np.sin(speed * t / 2) * rate / speed])
 
 
 def _product(a: Vector, b: Vector) -> Vector:
-    """Of two quaternions (4,), scalar first: the turn ``b``, then ``a``."""
+    """Product of two quaternions (4,), scalar first: rotation ``b`` followed by ``a``."""
     return np.concatenate([[a[0] * b[0] - a[1:] @ b[1:]], a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:])])
 
 
 def _levels(length: float, t: float, q: Vector, v: Vector) -> Vector:
-    """Both, over their sizes."""
+    """Violations of both constraint levels, divided by their sizes."""
     return np.array([q @ q / length**2 - 1.0, 2.0 * (q @ v) / length**2])
 
 

@@ -28,7 +28,7 @@ CRANK_ANGLE, CRANK_RATE = math.pi / 4, 4.0  # at the start of the slider-crank [
 
 
 def _leaning(rows: Matrix, x: float, small: bool, known: float) -> Iterator[Cell]:
-    """``known``: to what the rows themselves are rounded, over what they say apart from each other."""
+    """Yield cells with constraint ``rows``; ``known``: roundoff of the rows divided by their difference."""
     for way, level in ((rtol(1e-5), ACCURACY * 1e-5), (step(1e-2, 1e-3), LEVELS)):
         levels = {"both levels": Expected(error=held(crossed_levels), most=level + known)}
         expected = reacting(way.most + known, rows) | levels
@@ -57,7 +57,7 @@ def _slider_crank() -> Problem:
 
 
 def _smooth_branch(t: float) -> Motion:
-    """Of the slider-crank, all lengths and masses 1: the energy alone rules the angle, by DOP853."""
+    """Motion of the slider-crank (all lengths and masses 1) on the smooth branch, from the energy by DOP853."""
 
     def inertia(angle: float) -> float:
         return 1 / 3 + 3 * math.sin(angle) ** 2

@@ -76,13 +76,13 @@ def _swing_over(length: float, begin: float = 0.0, frame: Frame = UNITS) -> Prob
 
 
 def _alternating(ratio: float) -> Vector:
-    """Lengths 1, r, 1, r, ..., over their sum."""
+    """Step lengths 1, r, 1, r, ..., normalised to the sum 1."""
     lengths = np.tile([1.0, ratio], COUNT // 2)
     return lengths / math.fsum(lengths)
 
 
 def _drawn(ratio: float, seed: int) -> Vector:
-    """Lengths between 1 and r, drawn in the logarithm, over their sum."""
+    """Random step lengths between 1 and r, log-uniform, normalised to the sum 1."""
     lengths = ratio ** np.random.default_rng(seed).uniform(size=COUNT)
     return np.asarray(lengths / math.fsum(lengths))
 
@@ -143,12 +143,12 @@ def tension(seed: int) -> Iterator[Cell]:
 
 
 def _swing(omega: float, amplitude: float, length: float) -> Problem:
-    """Of the frequency ``omega`` [rad/s], for ``length`` [s]."""
+    """Pendulum of frequency ``omega`` [rad/s] over ``length`` [s]."""
     return load_problem(f"simple_pendulum(g={omega**2!r}, amplitude={amplitude!r}, t_end={length!r})")
 
 
 def _vibrates(released: float) -> dict[str, Expected]:
-    """As far as it was ``released`` [rad], and not held still."""
+    """Expect a vibration that stays below three times the ``released`` angle [rad] and does not stand still."""
     return {
         "size": Expected(error=partial(_amplitude, released), most=3.0),
         "standstill": Expected(error=partial(_standstill, released), most=1.0 / MOVED),
@@ -160,12 +160,12 @@ def _angles(found: Solution) -> Vector:
 
 
 def _standstill(released: float, problem: Problem, found: Solution) -> float:
-    """Angle at the start over the farthest way from it."""
+    """Ratio of the starting angle to the largest distance from it."""
     return released / max(float(np.max(np.abs(_angles(found) - released))), np.finfo(np.float64).tiny)
 
 
 def _amplitude(released: float, problem: Problem, found: Solution) -> float:
-    """Largest angle over the one at the start."""
+    """Ratio of the largest angle to that at the start."""
     return float(np.max(np.abs(_angles(found)))) / released
 
 
@@ -202,7 +202,7 @@ def _both(scene: Scene, t: float, q: Vector, v: Vector) -> Vector:
 
 
 def _left(scene: Scene, problem: Problem, found: Solution, besides: Solution) -> float:
-    """Largest difference of both levels over the rows."""
+    """Largest difference of both constraint levels between two runs."""
 
     def both(run: Solution) -> Vector:
         return np.array([_both(scene, *row) for row in zip(run.t, run.q, run.v, strict=True)])

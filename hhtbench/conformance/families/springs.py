@@ -39,7 +39,7 @@ LAST = 8  # exponent of the largest stiffness with a reference; that of the rigi
 
 
 def beside(stiffness: float, most: float, across: float = ROUNDOFF) -> dict[str, Expected]:
-    """The slow motion is right on its circle; the vibration across it, 1 / stiffness at first, stays below ``across``."""
+    """Expect the slow motion on its circle, and a fast vibration, 1 / stiffness at first, that stays below ``across``."""
     slow = {name: Expected(error=along(u), most=most) for name, u in (("slow motion", SLOW), ("its circle", FIRST))}
     fast = {"fast vibration": Expected(error=_fast, most=GROWTH / stiffness + across)}
     return slow | fast | {"reaction": Expected(error=_slow_reaction, most=min(REACTION * most, HALF))}
@@ -50,7 +50,7 @@ def _fast(problem: Problem, found: Solution) -> float:
 
 
 def _slow_reaction(problem: Problem, found: Solution) -> float:
-    """Of the circle of the slow motion."""
+    """Error of the multiplier of the slow motion's circle."""
     return float(np.max(np.abs(exact(problem, found, "lam") - found.lam)[1:, 0]))
 
 
@@ -61,7 +61,7 @@ SMALL = "rtol 0.001", "h = 0.01 s"
 def _cells(
     power: int, small: int | None, make: Callable[[], Problem], known: Any = reacting, named: str = "{}"
 ) -> Iterator[Cell]:
-    """Every way at ten to ``power``; some of them at ten to ``small`` are the small ones."""
+    """Yield a cell for every request at the parameter 10^power; some of those at 10^small are marked small."""
     for way in WAYS:
         chosen = power == small and way.line in SMALL
         yield from cells(10.0**power, make, [way], known, named=named, small=chosen)
@@ -155,7 +155,7 @@ def order(seed: int) -> Iterator[Cell]:
 
 
 def _shortfall(floor: float, problem: Problem, *runs: Solution) -> float:
-    """2 less the fitted order of the error at the end, from the runs above ``floor``; 0 where fewer than two are."""
+    """Return 2 minus the fitted order of the error at the end from the runs above ``floor``; 0 if fewer than two are."""
     errors = np.array([at_the_end(problem, run) for run in runs])
     above = errors > 3 * floor
     if np.count_nonzero(above) < 2:

@@ -1,1 +1,1 @@
-"""Rows of the acceptance matrix, each measured case by case, a module for each section."""
+"""Rows of the acceptance matrix, each measured case by case; one module per section."""

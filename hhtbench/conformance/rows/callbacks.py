@@ -1,4 +1,4 @@
-"""Functions that misbehave by what they return, change, keep, raise or call (rows C1 to C15)."""
+"""Rows C1 to C15: functions that misbehave by what they return, change, store, raise or call."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WEIGHT = np.array([0.0, -9.81])
 
 @row("C1", "NaN, inf in f, M, g, G at t0", "nonfinite_callback with function and component, < 1 s", seconds=1.0)
 def from_the_start(subject: Subject, request: dict[str, Any]) -> Cases:
-    """From the first call on."""
+    """Yield the cases of row C1: functions that are NaN or infinite from their first call on."""
     for name, place in PLACES.items():
         for bad in (np.nan, np.inf):
             found = subject.ask(spoiled(name, bad, lambda t, n: True), **request)
@@ -32,7 +32,7 @@ def from_the_start(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("C2", "NaN from t = 1 on", "reaches 0.9 <= t < 1, nonfinite_callback, <= 60 rejected steps, < 2 s", seconds=2.0)
 def from_one_second_on(subject: Subject, request: dict[str, Any]) -> Cases:
-    """The last row of 401 tells how far it came."""
+    """Yield the cases of row C2: functions that are NaN from t = 1 on; the last of 401 rows shows how far it came."""
     for name in PLACES:
         for count in (2, 401):
             system = spoiled(name, np.nan, lambda t, n: t >= 1.0)
@@ -46,7 +46,7 @@ def from_one_second_on(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("C3", "one NaN: call 5, call 50", "retried, result right to the tolerance, counted once")
 def one_value(subject: Subject, request: dict[str, Any]) -> Cases:
-    """The first calls read sizes."""
+    """Yield the cases of row C3: a single NaN at call 5 or 50; the first calls only determine sizes."""
     right = subject.ask(plane(**FUNCTIONS), (0.0, 0.3), **request)
     for name in PLACES:
         for call in (5, 50):
@@ -58,7 +58,7 @@ def one_value(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("C4", "force undefined outside the true motion", "result, error at most 1e-4")
 def undefined_outside(subject: Subject, request: dict[str, Any]) -> Cases:
-    """A tube of 1e-3 about the circle."""
+    """Yield the cases of row C4: a force that is NaN outside a tube of 1e-3 around the true motion."""
 
     def force(t: float, q: Any, v: Any) -> Any:
         return WEIGHT * (1.0 if abs(q @ q - 1.0) < 1e-3 and q[1] < 0 else np.nan)
@@ -70,7 +70,7 @@ def undefined_outside(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("C5", "NaN only in [1, 1.001]", "an end with its cause where a step lands in it; a step may pass over it")
 def short_window(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Documented at HHT's class."""
+    """Yield the cases of row C5: a force that is NaN only for t in [1, 1.001], which a step may pass over."""
     short = request if "step" in request else {**request, "rtol": 1e-7}  # for steps to land there
     found = subject.ask(spoiled("force", np.nan, lambda t, n: 1 <= t <= 1.001), (0.0, 1.2), **short)
     landed = "step" in request or bool(np.any((found.t >= 1.0) & (found.t <= 1.001)))
@@ -92,7 +92,10 @@ WRONG: dict[str, Any] = {
 
 @row("C6", "f, g, G, M return a scalar, None, (n, 1), n + 1, text, complex, object", "refused by name, nothing broadcast")
 def wrong_returns(subject: Subject) -> Cases:
-    """A constraint may have any length, so a longer one is none of these."""
+    """Yield the cases of row C6: f, g, G, M return a scalar, None, (n, 1), n + 1, text, complex, object.
+
+    A constraint may have any length, so a longer one is none of these.
+    """
     for name in FUNCTIONS:
         for case, value in WRONG.items():
             if (name, case) != ("constraint", "longer"):
@@ -102,7 +105,10 @@ def wrong_returns(subject: Subject) -> Cases:
 
 @row("C7", "f returns float32, whole numbers, list, tuple, JAX array", "accepted, converted: the same bits")
 def converted(subject: Subject) -> Cases:
-    """A force that each of them holds exactly."""
+    """Yield the cases of row C7: f returns float32, whole numbers, list, tuple, JAX array.
+
+    A force that each of them holds exactly.
+    """
     force = np.array([0.0, -10.0])
     right = subject.ask(plane(force=lambda t, q, v: force), rtol=1e-4)
     kinds: dict[str, Any] = {
@@ -119,7 +125,7 @@ def converted(subject: Subject) -> Cases:
 
 @row("C8", "a function that changes q or v in place", "ValueError: arguments are read-only; the solver's state unchanged")
 def changes_in_place(subject: Subject) -> Cases:
-    """Forced through the flag it does not reach the solver either."""
+    """Yield the cases of row C8: a force that writes into q or v, also by setting the writeable flag."""
 
     def forced(t: float, q: Any, v: Any) -> Any:
         for x in (q, v):
@@ -134,7 +140,7 @@ def changes_in_place(subject: Subject) -> Cases:
 
 @row("C9", "one buffer reused for every return; a view of the argument", "bitwise as with fresh arrays")
 def buffers(subject: Subject, request: dict[str, Any]) -> Cases:
-    """SciPy's BDF alone is wrong by 4e2 there."""
+    """Yield the cases of row C9: one buffer reused for every return, or a view of the argument (SciPy's BDF fails)."""
     kept = {"force": np.empty(2), "constraint": np.empty(1), "constraint_jacobian": np.empty((1, 2))}
 
     def fill(name: str) -> Callable[..., Any]:
@@ -152,7 +158,7 @@ def buffers(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("C10", "a function keeps its arguments and reads them after the solve", "values as at the call")
 def kept_arguments(subject: Subject) -> Cases:
-    """After garbage collection."""
+    """Yield the cases of row C10: a force that stores its arguments; they must be unchanged after the solve."""
     kept: list[Any] = []
 
     def force(t: float, q: Any, v: Any) -> Any:
@@ -171,7 +177,7 @@ class Planned(Exception):
 
 
 def _comes_back(subject: Subject, error: BaseException, name: str, since: float, request: dict[str, Any]) -> str:
-    """The fault of how an exception reaches the caller."""
+    """Return the fault in how an exception of a system's function reaches the caller; "" if there is none."""
     try:
         found = subject.ask(spoiled(name, error, lambda t, n: t >= since), **request)
     except type(error) as caught:
@@ -185,7 +191,10 @@ def _comes_back(subject: Subject, error: BaseException, name: str, since: float,
 
 @row("C11", "own exception of f, M, g, G at the first call, at t = 1", "it comes back, with the partial result")
 def own_exceptions(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Those of events: tests/hht/test_event_failures.py."""
+    """Yield the cases of row C11: own exceptions of f, M, g, G at the first call or at t = 1.
+
+    Exceptions of events are tested in tests/hht/test_event_failures.py.
+    """
     for name in PLACES:
         for since in (-1.0, 1.0):
             yield f"{name} {since:g}", _comes_back(subject, Planned("own"), name, since, request)
@@ -193,7 +202,7 @@ def own_exceptions(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("C12", "SystemExit, KeyboardInterrupt, MemoryError, RecursionError, ZeroDivisionError", "the same")
 def exits(subject: Subject) -> Cases:
-    """Raised by the force after a second."""
+    """Yield the cases of row C12: SystemExit, KeyboardInterrupt and others raised by the force after a second."""
     errors = (SystemExit(3), KeyboardInterrupt(), MemoryError("own"), RecursionError("own"), ZeroDivisionError("own"))
     for error in errors:
         yield type(error).__name__, _comes_back(subject, error, "force", 1.0, {"rtol": 1e-4})
@@ -201,7 +210,7 @@ def exits(subject: Subject) -> Cases:
 
 @row("C13", "solve called inside f", "inner and outer right")
 def nested(subject: Subject) -> Cases:
-    """Once, half-way."""
+    """Yield the cases of row C13: ``solve`` called once inside a force, half-way."""
     inner: list[hb.Solution] = []
 
     def force(t: float, q: Any, v: Any) -> Any:
@@ -216,7 +225,10 @@ def nested(subject: Subject) -> Cases:
 
 @row("C14", "noise in f, in g, at rtol 1e-8", "step_too_small that names the function, < 5 s", seconds=5.0, lane=Lane.slow)
 def noise(subject: Subject) -> Cases:
-    """The time that the row allows itself is no end of the solver's; only HHT is asked for the name."""
+    """Yield the cases of row C14: random noise in f or g at rtol 1e-8.
+
+    The row's own time limit is no valid end; only HHT must name the function.
+    """
     random = np.random.default_rng(3)
     noisy: dict[str, Any] = {
         "force": lambda t, q, v: WEIGHT * (1 + 1e-6 * random.standard_normal()),
@@ -234,7 +246,7 @@ BOUNDED = STATUS.success, STATUS.step_too_small, STATUS.newton_failed, STATUS.ma
 
 @row("C15", "f depends on the count of its calls, at most 1e5 steps", "ends by itself", seconds=MAX_SECONDS, lane=Lane.slow)
 def no_function(subject: Subject) -> Cases:
-    """Every second value is larger by a tenth; the row's own deadline is no end of the solver's."""
+    """Yield the case of row C15: a force whose every second value is larger by a tenth."""
     count = [0]
 
     def force(t: float, q: Any, v: Any) -> Any:

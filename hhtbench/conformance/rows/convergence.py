@@ -1,4 +1,4 @@
-"""Convergence: orders, errors under error control, blind spots of the estimate (rows M7 to M9, M12, M13)."""
+"""Rows M7 to M9, M12, M13: convergence orders, errors under error control, blind spots of the error estimate."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 
 
 class Known(NamedTuple):
-    """A problem whose end is known."""
+    """A problem with its known end state."""
 
     problem: hb.Problem
     end: Any  #: with q, v
@@ -35,7 +35,7 @@ class Known(NamedTuple):
 
 @cache
 def _integrated() -> tuple[Known, ...]:
-    """A slider-crank and a double pendulum, whose ends DOP853 knows on the underlying ODE."""
+    """Return a slider-crank and a double pendulum with end states by DOP853 on the underlying ODE."""
     crank = hb.load_problem("sundials_slider_crank")
     crank = replace(crank, t_span=(crank.t_span[0], crank.t_span[0] + SPAN[1]))
     q0, v0 = DoublePendulum.bent(0.5, 1.0)
@@ -47,12 +47,12 @@ def _integrated() -> tuple[Known, ...]:
 
 
 def slope(x: Sequence[float], y: Sequence[float]) -> float:
-    """Of a straight line through the logarithms."""
+    """Fit the slope of a straight line through the logarithms."""
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
 def _errors(subject: Subject, known: Known, alpha: float, steps: int) -> list[float]:
-    """Of q and v at the end."""
+    """Return the errors of q and v at the end."""
     given = known.problem
     found = subject.hht(given.system, alpha=alpha).solve(given.t_span, given.q0, given.v0, steps=steps)
     if not found.success:
@@ -62,7 +62,10 @@ def _errors(subject: Subject, known: Known, alpha: float, steps: int) -> list[fl
 
 @row("M7", "six scenes with and without constraints; 160 to 1280 steps", "y and z of order 1.9 to 2.1")
 def order(subject: Subject) -> Cases:
-    """Both alphas; errors at the end against the closed solutions, of the last two against DOP853."""
+    """Yield the cases of row M7: six scenes with and without constraints; 160 to 1280 steps.
+
+    Both alphas; errors at the end against the closed solutions, of the last two against DOP853.
+    """
     closed = [Known(scene.problem, scene.exact(scene.problem.t_span[1])) for scene in MOVING]
     for known, alpha in product([*closed, *_integrated()], ALPHAS):
         errors = np.array([_errors(subject, known, alpha, n) for n in STEPS])
@@ -96,7 +99,10 @@ M9 = tested(
     known={"ida": (("1e-07",), "an error of 40 tolerances")},
 )
 def accuracy(subject: Subject) -> Cases:
-    """Of any solver: errors at the end against the closed solution; the power of the work is that of HHT's order only."""
+    """Yield the cases of row M12: pendulum at tolerances 1e-3..1e-9.
+
+    Of any solver: errors at the end against the closed solution; the power of the work is that of HHT's order only.
+    """
     scene, tolerances = MOVING[0], TOLERANCES[: 4 if subject.engine == "python" else len(TOLERANCES)]
     for way, request in subject.alphas({}, {}).items():
         errors, steps = [], []
@@ -116,13 +122,16 @@ class Falling(hb.System):
     """A mass in free fall: every estimate of its error is zero."""
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weight."""
+        """Applied force: weight."""
         return 0.0 * q - 9.81
 
 
 @row("M13", "constant acceleration; vibration of w = 100", "growth bounded, error of v at most 20 n tolerances")
 def blind_spots(subject: Subject) -> Cases:
-    """What an estimate does not see must not be stepped over without limit."""
+    """Yield the cases of row M13: constant acceleration; vibration of w = 100.
+
+    What an estimate does not see must not be stepped over without limit.
+    """
     fallen = subject.hht(Falling()).solve((0.0, 10.0), [0.0], [1.0], rtol=1e-6)
     h = fallen.steps_data.h
     yield "growth", within((h[1:] / h[:-1]).max(), 1.5 + 1e-9, "growth")

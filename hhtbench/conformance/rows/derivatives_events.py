@@ -1,4 +1,4 @@
-"""Derivatives that are wrong, linear algebra, and events (rows J1 to J5, E1, E2)."""
+"""Rows J1 to J5, E1, E2: wrong derivatives, linear algebra, and events."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from hhtbench.conformance.subject import Declined, Subject
 
 
 def _wrong(subject: Subject, changes: dict[str, Any], *others: hb.Status, least: float = 0.0) -> Cases:
-    """Against the right one; ``least``: iterations of HHT over its own, where one is needed."""
+    """Yield cases with changed force Jacobians against the right one.
+
+    ``least``: smallest ratio of HHT's iterations to those with the right Jacobian, to show that it is used.
+    """
     for way, request in subject.alphas({"step": 0.005}, {"rtol": 1e-6}).items():
         right = subject.ask(claiming(lambda x: x), (0.0, 0.1), **request)
         speed, allowed = np.abs(right.v).max(), 1e-9 if subject.is_hht else 1e-4
@@ -40,7 +43,7 @@ def _wrong(subject: Subject, changes: dict[str, Any], *others: hb.Status, least:
 
 @row("J1", "declared force Jacobian wrong by 10 %, twice as large", "result, more iterations")
 def slightly_wrong(subject: Subject) -> Cases:
-    """HHT uses the Jacobian as it is declared."""
+    """Yield the cases of row J1: a declared force Jacobian wrong by 10 %, or twice as large, which HHT uses as declared."""
     return _wrong(subject, SLIGHTLY_WRONG, hb.Status.success, least=1.05)
 
 
@@ -49,13 +52,13 @@ CRAWLS = {"ida": (("1e6",), "a Jacobian that is wrong by 1e6: at 6.6e-4 to 1.1e-
 
 @row("J2", "its sign, zero, transposed, 1e6 times", "result by differences, or newton_failed that names it", known=CRAWLS)
 def altogether_wrong(subject: Subject) -> Cases:
-    """As a failure says, or right."""
+    """Yield the cases of row J2: a declared force Jacobian with the wrong sign, zero, transposed, or 1e6 times too large."""
     return _wrong(subject, ALTOGETHER_WRONG, hb.Status.newton_failed)
 
 
 @row("J3", "Jacobians NaN, of the wrong shape", "nonfinite_callback with the name; refused with the shapes")
 def broken(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Of force and constraint."""
+    """Yield the cases of row J3: Jacobians of force and constraint that are NaN or of the wrong shape."""
     zeros, long = np.zeros((2, 2)), (np.zeros((2, 3)), np.zeros((3, 2)))
     for name, nan, wrong in (
         ("force_jacobians", (zeros * np.nan,) * 2, long),
@@ -102,7 +105,7 @@ def _with(subject: Subject, event: hb.Event, **request: Any) -> hb.Solution:
 
 @row("E2", "one event function in two solves, two solvers, two threads", "no shared record: times equal")
 def shared_event(subject: Subject) -> Cases:
-    """Ten rounds of two threads."""
+    """Yield the cases of row E2: one event function used in two threads at once, in ten rounds."""
     event = hb.Event(lambda t, q, v: q[0] - 0.37)
     alone = _with(subject, event, rtol=1e-4).t_events[0].tolist()
     with ThreadPoolExecutor(2) as pool:

@@ -1,6 +1,6 @@
-"""Rows whose question is no solve: processes of their own, changed results, the store (rows A1 to A3, K1 to K12).
+"""Rows A1 to A3, K1 to K12: separate processes, changed results, the store.
 
-The store and the runner of campaigns are held by tests, which these rows name.
+The store and the runner of campaigns are covered by tests, which these rows name.
 """
 
 from __future__ import annotations
@@ -29,7 +29,10 @@ PATIENCE = 1_800.0  # s for some 220 cases, of which each may take 20 s: few do
     gap="the 150 cases of the matrix' table, each in a process of its own",
 )
 def apart_from_the_caller(subject: Subject) -> Finding:
-    """It ends by itself with its outcomes, of which none fails: R8 tells hangs and what is wrong in silence."""
+    """Yield the cases of row A1: the random systems of R8 and the faults of R9, in a process of its own for every solver.
+
+    It ends by itself with its outcomes, of which none fails: R8 tells hangs and what is wrong in silence.
+    """
     with worker_processes(1) as pool:
         (worker,) = pool.workers
         try:
@@ -48,18 +51,18 @@ def _alone(name: str, column: str) -> Outcome:
 
 @dataclass
 class Changed:
-    """A solver whose results are changed before anybody sees them."""
+    """A solver whose results are changed before they are returned."""
 
     of: Any
     change: Callable[[hb.Solution], hb.Solution]
     name: str = "changed"
 
     def accepts(self, problem: hb.Problem, request: hb.Request) -> str | None:
-        """What the other says."""
+        """Return the answer of the wrapped solver."""
         return self.of.accepts(problem, request)
 
     def solve(self, problem: hb.Problem, request: hb.Request) -> hb.Solution:
-        """What the other finds, changed."""
+        """Return the changed result of the wrapped solver."""
         return self.change(self.of.solve(problem, request))
 
 
@@ -82,7 +85,10 @@ CHANGES: dict[str, Callable[[hb.Solution], hb.Solution]] = {
 
 @row("A2", "results not finite, an ulp short, off constraints or tangent, frozen, rows missing", "status unreliable")
 def changed_results(subject: Subject) -> Cases:
-    """Each change is made in what the solver returns; as it is it is believed."""
+    """Yield the cases of row A2: results not finite, an ulp short, off constraints or tangent, frozen, rows missing.
+
+    Each change is made in what the solver returns; as it is it is believed.
+    """
     given = subject.scene("position").problem
     for rows, times in {"9 rows": np.linspace(*given.t_span, 9), "every step": None}.items():
         yield f"as it is, {rows}", ends(subject.ask(given, rtol=1e-6, t_eval=times), hb.Status.success)

@@ -1,4 +1,4 @@
-"""Initial data and inputs (rows I1 to I8)."""
+"""Rows I1 to I8: initial data and inputs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ STARTS = {  # with the level that is off
 
 @row("I1", "q0 off by 1e-3, by 10 %; v0 not tangent", "inconsistent_initial with the level; calc_initcond corrects")
 def off_the_constraints(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Both levels after the correction at most 1e-12."""
+    """Yield the cases of row I1: q0 off by 1e-3, by 10 %; v0 not tangent.
+
+    Both levels after the correction at most 1e-12.
+    """
     for case, (q0, v0, level) in STARTS.items():
         yield case, ends(subject.ask(Rod(), SHORT, q0=q0, v0=v0, **request), OFF, words=(level,))
         found = subject.ask(Rod(), SHORT, q0=q0, v0=v0, **request, calc_initcond=True)
@@ -36,7 +39,7 @@ def off_the_constraints(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("I2", "q0 from which no position meets the constraint", "inconsistent_initial in less than a second", seconds=1.0)
 def no_root(subject: Subject) -> Cases:
-    """From four distances."""
+    """Yield the cases of row I2: a constraint without real roots, from starts at four distances."""
     system = hb.NumpySystem(force=lambda t, q, v: np.zeros(2), constraint=lambda t, q: np.array([q @ q + 1.0]))
     for size in (1e-8, 1.0, 20.0, 1e12):
         yield f"{size:g}", ends(subject.ask(system, q0=size * Q0, rtol=1e-4, calc_initcond=True), OFF)
@@ -44,7 +47,7 @@ def no_root(subject: Subject) -> Cases:
 
 @row("I3", "multipliers guessed wrong by 100, or absent", "y and z change by at most 1e-8")
 def wrong_guess(subject: Subject, request: dict[str, Any]) -> Cases:
-    """The reaction is linear: the guess is a start of an iteration at most."""
+    """Yield the cases of row I3: wrong guesses of the multipliers, which at most start an iteration."""
     given = problem(Rod(), (0.0, 0.5))
     right = subject.ask(given, **request)
     for guess in (1e2, -1e4, 0.0):
@@ -68,7 +71,7 @@ SHAPES = {str(shape): np.ones(shape) for shape in ((1, 2), (2, 1), (3,), (1,), (
 
 
 def _start_refused(subject: Subject, values: dict[str, Any]) -> Cases:
-    """By HHT's own solve, of others as a problem; a function that is called raises."""
+    """Yield cases with wrong q0 or v0, which must be refused before a function of the system is called."""
     for case, value in values.items():
         for name in ("q0", "v0"):
             given = {"q0": Q0, "v0": V0, name: value}
@@ -81,18 +84,18 @@ def _start_refused(subject: Subject, values: dict[str, Any]) -> Cases:
 
 @row("I4", "NaN, inf, None, text, complex, masked, object, ragged q0 and v0", "refused by name before the first call")
 def no_numbers(subject: Subject) -> Cases:
-    """The system's functions raise when they are called."""
+    """Yield the cases of row I4: q0 or v0 that are no real numbers; the system's functions raise when they are called."""
     return _start_refused(subject, NO_NUMBERS)
 
 
 @row("I6", "q0, v0 of shape (1, n), (n, 1), n + 1, n - 1, ()", "refused with both shapes")
 def shapes(subject: Subject) -> Cases:
-    """As I4."""
+    """Yield the cases of row I6: q0 or v0 of wrong shapes; the system's functions raise when they are called."""
     return _start_refused(subject, SHAPES)
 
 
 def _kinds() -> dict[str, Any]:
-    """The start of the rod as other kinds of arrays."""
+    """Return the start of the rod as other kinds of arrays."""
     spaced, frozen = np.zeros(4), np.array(Q0)
     spaced[::2] = Q0
     frozen.setflags(write=False)
@@ -102,7 +105,7 @@ def _kinds() -> dict[str, Any]:
 
 @row("I5", "integers, lists, float32, Fortran order, strided, read-only, JAX", "the bits of a float64 copy; input unchanged")
 def kinds(subject: Subject, request: dict[str, Any]) -> Cases:
-    """float32 means its own float64 value."""
+    """Yield the cases of row I5: q0 as integers, list, float32, strided, read-only or JAX array."""
     right = subject.ask(Rod(), SHORT, **request)
     for case, q0 in _kinds().items():
         found = subject.ask(Rod(), SHORT, q0=q0, **request)
@@ -115,7 +118,10 @@ def kinds(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("I7", "m = 0; m = n; m > n; n = 0", "result; refused where contradictory or empty")
 def counts(subject: Subject) -> Cases:
-    """As many rows as coordinates hold the system still; a third that follows from two is left out."""
+    """Yield the cases of row I7: m = 0; m = n; m > n; n = 0.
+
+    As many rows as coordinates hold the system still; a third that follows from two is left out.
+    """
 
     def third(off: float) -> Any:
         return lambda t, q: np.array([q[0], q[1], q[0] + q[1] - off])
@@ -143,6 +149,6 @@ WRONG_SIZES: dict[str, Any] = {
 
 @row("I8", "sizes of M, f, g, G, F_q that disagree", "refused with the function and both shapes")
 def sizes(subject: Subject, request: dict[str, Any]) -> Cases:
-    """At the first call."""
+    """Yield the cases of row I8: sizes of M, f, g, G, F_q that disagree, refused at the first call."""
     for name, function in WRONG_SIZES.items():
         yield name, refuses(partial(subject.ask, plane(**{name: function}), **request), name)

@@ -1,4 +1,4 @@
-"""How a row is judged: its cases one by one, each a fault or a number beside its bounds."""
+"""Judge a row from its cases, each a fault or a number with its bound."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Cases = Iterator[tuple[str, "str | Number | Declined"]]  # name of a case, and w
 
 
 class Number(NamedTuple):
-    """A measured value and the most that it may be; NaN is more."""
+    """A measured value and the largest allowed one; NaN is too large."""
 
     value: float
     most: float
@@ -30,7 +30,7 @@ class Number(NamedTuple):
 
 
 def within(value: Any, most: float, what: str = "off by") -> Number:
-    """A number that must not be larger than ``most``."""
+    """Return a number that must not be larger than ``most``."""
     return Number(float(value), most, what)
 
 
@@ -45,11 +45,11 @@ def row(
     gap: str = "",
     known: Known | None = None,
 ) -> Callable[[Callable[..., Any]], Any]:
-    """Make a measurement the row ``id`` of its module.
+    """Decorator that makes a measurement the row ``id`` of its module.
 
-    The function yields its cases, or returns a :class:`Finding`.  One of two arguments, ``(subject, request)``, is called
-    for each request of :meth:`Subject.ways`.  ``seconds``: each solve may take so many, on a machine that has time;
-    ``most_failing``: share of the cases that may be otherwise.
+    The function yields its cases, or returns a :class:`Finding`.  A function of two arguments, ``(subject, request)``, is
+    called for each request of :meth:`Subject.ways`.  ``seconds``: time limit of each solve on an unloaded machine;
+    ``most_failing``: share of the cases that may fail.
     """
 
     def register(cases: Callable[..., Any]) -> Any:
@@ -68,7 +68,7 @@ def row(
 
 
 def fault_of(found: str | Number | Declined) -> str:
-    """What is wrong with a case, or ""; a case that is declined, where others are not, is wrong."""
+    """Return what is wrong with a case, or ""; a declined case is wrong if others are not declined."""
     if isinstance(found, Declined):
         return f"declined: {found}"
     return "" if isinstance(found, Number) and found.value <= found.most else str(found)
@@ -80,9 +80,9 @@ def _every_way(cases: Callable[..., Cases], subject: Subject) -> Cases:
 
 
 def judged(cases: Cases, subject: Subject, seconds: float = math.inf, most_failing: float = 0.0) -> Finding:
-    """All cases together: how many are as expected, the numbers of each kind, and the first two that are not.
+    """Judge all cases: number as expected, largest numbers of each kind, and the first two faults.
 
-    ``most_failing``: share of the cases that may be otherwise.
+    ``most_failing``: share of the cases that may fail.
     """
     subject.took.clear()
     found = dict(cases)
@@ -101,7 +101,7 @@ def judged(cases: Cases, subject: Subject, seconds: float = math.inf, most_faili
 
 
 def ends(solution: hb.Solution, *expected: hb.Status, words: tuple[str, ...] = ()) -> str:
-    """The fault of an end: "" where the status is one of those ``expected`` and message or diagnosis have the words."""
+    """Return "" if the status is one of ``expected`` and message or diagnosis contain the ``words``; else the fault."""
     if solution.status not in expected:
         return f"ends with {solution.status.label}: {solution.message[:90]}"
     text = f"{solution.message} {solution.diagnose()}" if words else ""
@@ -110,12 +110,12 @@ def ends(solution: hb.Solution, *expected: hb.Status, words: tuple[str, ...] = (
 
 
 def arrives(solution: hb.Solution) -> str:
-    """The fault of an end that is no success."""
+    """Return "" if the solve succeeded; else the fault."""
     return ends(solution, hb.Status.success)
 
 
 def warns(solve: Callable[[], hb.Solution], *words: str) -> str:
-    """The fault of a solve that says one of the ``words`` neither by a warning nor in its message."""
+    """Return "" if a warning or the message contains one of the ``words``; else the fault."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         texts = [solve().message, *(str(x.message) for x in caught)]
@@ -123,7 +123,7 @@ def warns(solve: Callable[[], hb.Solution], *words: str) -> str:
 
 
 def refuses(call: Callable[[], Any], *words: str, kinds: tuple[type[BaseException], ...] = (ValueError, TypeError)) -> str:
-    """The fault of a refusal: "" where ``call`` raises one of ``kinds`` with one of the ``words``."""
+    """Return "" if ``call`` raises one of ``kinds`` with one of the ``words``; else the fault."""
     try:
         call()
     except Declined:
@@ -134,13 +134,13 @@ def refuses(call: Callable[[], Any], *words: str, kinds: tuple[type[BaseExceptio
 
 
 def same(one: hb.Solution, other: hb.Solution) -> str:
-    """The fault of two solutions that are not equal bit by bit."""
+    """Return "" if two solutions are bitwise equal; else the fault."""
     equal = all(getattr(one, x).tobytes() == getattr(other, x).tobytes() for x in ("t", "q", "v", "lam", "mu"))
     return "" if equal else f"other bits, off by {apart(one, other):.1e}"
 
 
 def apart(one: hb.Solution, other: hb.Solution) -> float:
-    """Largest difference of q and v at the last rows; infinite where one did not arrive."""
+    """Return the largest difference of q and v at the last rows; infinite if one did not arrive."""
     if not (one.success and other.success):
         return np.inf
     return float(max(np.abs(one.q[-1] - other.q[-1]).max(), np.abs(one.v[-1] - other.v[-1]).max()))

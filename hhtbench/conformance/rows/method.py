@@ -1,4 +1,4 @@
-"""Method and stability: long runs, alpha, derivatives (rows M3, M6, M14, M15), and rows that tests of HHT hold."""
+"""Rows M3, M6, M14, M15: long runs, alpha, derivatives; and rows covered by tests of HHT."""
 
 from __future__ import annotations
 
@@ -52,7 +52,10 @@ ROUNDING = {
 
 @row("M3", "1e5 steps, w h = 1e-3..1e8, alpha in [-1/3, 0]", "no growth; alpha = 0 keeps the energy to 1e-9", known=ROUNDING)
 def long_runs(subject: Subject) -> Cases:
-    """In the norm of the energy, over that after the first step; 2,000 steps where they run in Python."""
+    """Yield the cases of row M3: 1e5 steps, w h = 1e-3..1e8, alpha in [-1/3, 0].
+
+    In the norm of the energy, over that after the first step; 2,000 steps where they run in Python.
+    """
     steps = 2_000 if subject.engine == "python" else 100_000
     for alpha in EVERY_ALPHA:
         for frequency in np.logspace(-3, 8, 12):
@@ -70,7 +73,7 @@ def long_runs(subject: Subject) -> Cases:
 
 @row("M6", "alpha outside [-1/3, 0], NaN, text", "ValueError, no clamping")
 def bad_alpha(subject: Subject) -> Cases:
-    """The same by the spec of the bench."""
+    """Yield the cases of row M6: invalid alpha, passed to HHT and in a solver's spec."""
     bad: list[Any] = [0.01, 1.0, -0.34, -1.0, 1e-15, np.nan, np.inf, "-0.3", 1j, [-0.1, -0.2], True]
     for x in bad:
         yield repr(x), refuses(partial(subject.hht, plane(), alpha=x), "alpha")
@@ -93,13 +96,19 @@ M11 = tested(
 
 @row("M14", "derivatives of all example problems' step residuals", "equal to differences", lane=Lane.slow)
 def derivatives(subject: Subject) -> Cases:
-    """What the blocks consist of, on every problem; their assembly: tests/hht/test_discretise.py."""
+    """Yield the cases of row M14: derivatives of all example problems' step residuals.
+
+    What the blocks consist of, on every problem; their assembly: tests/hht/test_discretise.py.
+    """
     return _checked(subject, lambda id: id.startswith("derivative"))
 
 
 @row("M15", "g, G and d(Gz)/dt of every problem", "consistent to 1e-7", lane=Lane.slow)
 def consistent(subject: Subject) -> Cases:
-    """By ``hhtbench check``."""
+    """Yield the cases of row M15: g, G and d(Gz)/dt of every problem.
+
+    By ``hhtbench check``.
+    """
     return _checked(subject, lambda id: "constraint" in id)
 
 

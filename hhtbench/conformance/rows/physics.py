@@ -1,4 +1,4 @@
-"""Physics at its extremes: stiffness, masses, ranks, singular positions, sizes, jumps, long runs (rows P1 to P14)."""
+"""Rows P1 to P14: stiffness, masses, ranks, singular positions, sizes, jumps, long runs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ BEYOND = (STATUS.nonfinite_callback, STATUS.newton_failed, STATUS.step_too_small
     known={"ida": (("1e6", "1e8", "1e12", "1e14"), "errors of up to 0.09 at a tolerance of 1e-5")},
 )
 def stiffness(subject: Subject) -> Cases:
-    """Against the rigid rod from 1e8 on; below that against a run with a tenth of the step. By tolerance for the others."""
+    """Yield the cases of row P1: spring of 1e2..1e14 N/m on a pendulum at fixed h = 1e-3.
+
+    Against the rigid rod from 1e8 on; below that against a run with a tenth of the step. By tolerance for the others.
+    """
     rigid: Any = hb.load_problem("stiff_spring_pendulum(stiffness=inf)").reference
     request, finer = ({"step": 1e-3}, {"step": 1e-4}) if subject.is_hht else ({"rtol": 1e-5}, {"rtol": 1e-8})
     for power in (2, 4, 6, 8, 10, 12, 14):
@@ -56,7 +59,10 @@ def stiffness(subject: Subject) -> Cases:
     lane=Lane.slow,
 )
 def mass_ratios(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Straight at the start; against DOP853 on the angles' own equations."""
+    """Yield the cases of row P2: lower mass of a double pendulum 1e-8..1e8 times the upper one; fixed h = 1e-3.
+
+    Straight at the start; against DOP853 on the angles' own equations.
+    """
     finer = {**request, "step": 1e-3} if "step" in request else request
     for power in (-8, -6, -4, -2, 0, 2, 4, 6, 8):
         ratio = 10.0**power
@@ -76,17 +82,20 @@ class MasslessAngle(hb.System):
     mass_matrix: Any = hb.parameter((1.0, 1.0, 0.0))
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weight."""
+        """Applied force: weight."""
         return jnp.stack([0.0 * t, -9.81 + 0.0 * t, 0.0 * t])
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """Place and angle agree."""
+        """Position constraints: place and angle agree."""
         return jnp.stack([q[0] - jnp.sin(q[2]), q[1] + jnp.cos(q[2])])
 
 
 @row("P3", "singular M, regular KKT matrix", "result, error at most 1e-6")
 def singular_mass(subject: Subject) -> Cases:
-    """A pendulum with its angle as a coordinate without mass; 4000 steps, or a tolerance of 1e-8."""
+    """Yield the cases of row P3: singular M, regular KKT matrix.
+
+    A pendulum with its angle as a coordinate without mass; 4000 steps, or a tolerance of 1e-8.
+    """
     exact = hb.solve(problem(Rod(), (0.0, 1.0)), "scipy(method='DOP853')", rtol=1e-12, atol=1e-13)
     for way, request in subject.alphas({"steps": 4000}, {"rtol": 1e-8}).items():
         found = subject.ask(MasslessAngle(), (0.0, 1.0), q0=[*Q0, 1.0], v0=[*V0, 0.5], **request)
@@ -96,7 +105,7 @@ def singular_mass(subject: Subject) -> Cases:
 
 @row("P4", "singular KKT matrix: a coordinate with neither mass nor constraint", "singular_iteration_matrix that names it")
 def singular_matrix(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Constant and as a function."""
+    """Yield the cases of row P4: a coordinate with neither mass nor constraint, with a constant mass and as a function."""
     function = hb.NumpySystem(mass_matrix=lambda t, q: np.diag([1.0, 0.0]), force=FUNCTIONS["force"])
     for case, system in {"constant": MASSLESS, "function": function}.items():
         yield case, ends(subject.ask(system, **request), STATUS.singular_iteration_matrix, words=("mass",))
@@ -104,7 +113,7 @@ def singular_matrix(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("P5", "a constraint twice, also times 3.7, times 1e-8", "y, z, lam of least norm right, or redundant_constraints")
 def duplicated(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Against the single row."""
+    """Yield the cases of row P5: a constraint twice, scaled by 1, 3.7 or 1e-8, compared with the single row."""
     right = subject.ask(plane(), (0.0, 0.3), **request)
     for factor in (1.0, 3.7, 1e-8):
         rows = np.array([1.0, factor])
@@ -122,13 +131,16 @@ def duplicated(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("P6", "contradictory constraints", "inconsistent_initial")
 def contradictory(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Two radii."""
+    """Yield the case of row P6: two rods of different lengths from the same point to the same mass."""
     yield "", ends(subject.ask(two_rods(), **request), STATUS.inconsistent_initial, words=("g[1]",))
 
 
 @row("P7", "flat parallelograms; a rod of length 0", "the right branch, or a named status, within 1 s", seconds=1.0)
 def singular_positions(subject: Subject) -> Cases:
-    """Four bars of 1, 3, 5 windows at 1e-3..1e-7, after a solve of five steps: the closed solution is the right branch."""
+    """Yield the cases of row P7: flat parallelograms; a rod of length 0.
+
+    Four bars of 1, 3, 5 windows at 1e-3..1e-7, after a solve of five steps: the closed solution is the right branch.
+    """
     for windows in (1, 3, 5):
         given = hb.load_problem(f"four_bars(n_windows={windows}, t_end=1.0)")
         subject.ask(given, rtol=1e-3, max_num_steps=5)
@@ -148,7 +160,7 @@ def singular_positions(subject: Subject) -> Cases:
 
 
 def _long(subject: Subject, size: float, **request: Any) -> tuple[hb.Solution, np.ndarray]:
-    """The plane pendulum with ``size`` new units to the metre, and its end over the size."""
+    """Solve the plane pendulum with ``size`` new units per metre; return the solution and its end divided by the size."""
     system, scales = Rod(gravity=9.81 * size, length=size), hb.Scales(q=size, v=size)
     given = hb.Problem(name="long", system=system, q0=size * Q0, v0=size * V0, t_span=(0.0, 1.0), scales=scales)
     found = subject.ask(given, **request)
@@ -157,7 +169,10 @@ def _long(subject: Subject, size: float, **request: Any) -> tuple[hb.Solution, n
 
 @row("P8", "lengths 1e-100..1e100 with units to match; 1e-160", "the trajectory over L to 1e-6; to 1e-2, or a status")
 def lengths(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Against the same solver at L = 1.  The smallest number is 5e-4 of the square of 1e-160."""
+    """Yield the cases of row P8: lengths 1e-100..1e100 with units to match; 1e-160.
+
+    Against the same solver at L = 1.  The smallest number is 5e-4 of the square of 1e-160.
+    """
     scaled = (lambda size: {}) if "step" in request else (lambda size: {"atol": 1e-10 * size})
     _, right = _long(subject, 1.0, **request, **scaled(1.0))
     for power in (-100, -50, -6, 6, 50, 100):
@@ -176,7 +191,10 @@ SILENT = {
 
 @row("P9", "a length of 1e-9; a vibration of 1e-13 from rest", "a warning that atol exceeds the solution", known=SILENT)
 def absolute_tolerance(subject: Subject) -> Cases:
-    """The default follows from the problem's scales; nothing at the start tells of the vibration."""
+    """Yield the cases of row P9: a length of 1e-9; a vibration of 1e-13 from rest.
+
+    The default follows from the problem's scales; nothing at the start tells of the vibration.
+    """
     (_, fine), (_, right) = (_long(subject, size, rtol=1e-5) for size in (1e-9, 1.0))
     yield "trajectory", within(np.abs(fine - right).max(), 1e-3)
     yield "warning", warns(lambda: _long(subject, 1e-9, rtol=1e-5, atol=1e-6)[0], BEYOND_ATOL)
@@ -193,7 +211,10 @@ def absolute_tolerance(subject: Subject) -> Cases:
 
 @row("P10", "gravity 1e200, 1e308, 5e-324; overflow in f; a jump to 1e12", "the cause is named", lane=Lane.slow)
 def overflows(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Ten seconds allowed; at 1e200 m/s^2 a swing takes 1e-100 s, so that no success can be right."""
+    """Yield the cases of row P10: gravity 1e200, 1e308, 5e-324; overflow in f; a jump to 1e12.
+
+    Ten seconds allowed; at 1e200 m/s^2 a swing takes 1e-100 s, so that no success can be right.
+    """
     for gravity in (1e200, 1e308):
         found = subject.ask(Rod(gravity=gravity), (0.0, 1.0), **request, max_seconds=10.0)
         named = any(x in found.message for x in ("products with force[1]", "at any tolerance", "arrive"))
@@ -225,7 +246,9 @@ FLIPPED = 1.0 - 9.81 * FLIP**2 / 2 + (-9.81 * FLIP) * REST + 9.81 * REST**2 / 2 
 
 @row("P12", "force flips undeclared; sign(v) sticking; tanh(v/1e-3)", "result or a bounded end", seconds=10.0)
 def undeclared_flip(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Places at the end: 1/6 m, and after the flip; in under ten seconds each; sign(v) to 5e-3, the others to 1e-4.
+    """Yield the cases of row P12: force flips undeclared; sign(v) sticking; tanh(v/1e-3).
+
+    Places at the end: 1/6 m, and after the flip; in under ten seconds each; sign(v) to 5e-3, the others to 1e-4.
 
     A prescribed step has no shorter one to be too small: where Newton's iteration finds no root of it, that is the status.
     One of 0.01 that knows of no flip is off by its length, and is asked for an end alone there.
@@ -247,7 +270,10 @@ def undeclared_flip(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("P13", "1e6 steps of a pendulum", "|g|, |G z| at most 1e-9; alpha = 0: energy bounded", lane=Lane.slow)
 def million_steps(subject: Subject) -> Cases:
-    """IDA with GGL at 1e-6: 3.9e-9, 3.2e-8 and an energy off by 6.8e-5 m g L.  1e4 steps where they run in Python."""
+    """Yield the cases of row P13: 1e6 steps of a pendulum.
+
+    IDA with GGL at 1e-6: 3.9e-9, 3.2e-8 and an energy off by 6.8e-5 m g L.  1e4 steps where they run in Python.
+    """
     count = 10_000 if subject.engine == "python" else 1_000_000
     for alpha in ALPHAS:
         found = subject.hht(Rod(), alpha=alpha).solve((0.0, count * 1e-3), Q0, V0, steps=count)

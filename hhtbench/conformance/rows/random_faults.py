@@ -1,4 +1,4 @@
-"""Random systems, and whether messages name what was injected (rows R8, R9)."""
+"""Rows R8, R9: random systems, and whether messages name injected faults."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ SPENT = 1_000  # steps that a run must have taken before the end of a budget nam
 
 @row("R8", "200 random systems, options and faults", "what is sound succeeds, what is not is named", lane=Lane.slow)
 def random_cases(subject: Subject) -> Cases:
-    """By seed; hypothesis and 10,000 cases are the fuzzing's.
+    """Yield the cases of row R8: 200 random systems, options and faults.
+
+    By seed; hypothesis and 10,000 cases are the fuzzing's.
 
     The first row is the start as it was given, which counts as consistent to 1e-8 of its size.  At tolerances below 1e-5
     functions whose derivatives are differences may end at roundoff or with a budget, by name.  Between sound and broken
@@ -33,7 +35,7 @@ def random_cases(subject: Subject) -> Cases:
 
 
 def _unreachable(found: hb.Solution) -> bool:
-    """Whether a run ended since its tolerance is too fine, and says so: at roundoff, or after many steps with a budget."""
+    """True if a run ended because its tolerance is too small and says so: at roundoff, or at a budget after many steps."""
     if found.status in (STATUS.max_steps, STATUS.deadline, STATUS.evaluation_budget):
         return (found.counters.steps_accepted or 0) >= SPENT
     return found.status is STATUS.step_too_small and "roundoff" in found.message

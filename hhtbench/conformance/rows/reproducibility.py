@@ -1,4 +1,4 @@
-"""Reproducibility, concurrency, resources (rows R1 to R7)."""
+"""Rows R1 to R7: reproducibility, concurrency, resources."""
 
 from __future__ import annotations
 
@@ -34,13 +34,16 @@ print(bits(hb.solve(sys.argv[1], hb.load_solver(sys.argv[2]), rtol=1e-6)))
 
 
 def bits(found: hb.Solution) -> str:
-    """A hash of all rows."""
+    """Return a hash of all rows of a solution."""
     return hashlib.sha256(b"".join(getattr(found, x).tobytes() for x in ("t", "q", "v", "lam"))).hexdigest()
 
 
 @row("R1", "the same solve twice, in two processes, with 1 and 4 BLAS threads", "bitwise equal", lane=Lane.slow)
 def twice(subject: Subject) -> Cases:
-    """Seven bodies of Andrews' squeezer, a hundredth of a second."""
+    """Yield the cases of row R1: the same solve twice, in two processes, with 1 and 4 BLAS threads.
+
+    Seven bodies of Andrews' squeezer, a hundredth of a second.
+    """
     name = "andrews"
     here, again = (bits(subject.ask(hb.load_problem(name), rtol=1e-6, max_seconds=300.0)) for _ in range(2))
     yield "twice", "" if here == again else "other bits"
@@ -53,7 +56,7 @@ def twice(subject: Subject) -> Cases:
 
 @row("R2", "q0 off by one ulp", "difference at most 100 tolerances")
 def one_ulp(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Both on the circle to rounding."""
+    """Yield the cases of row R2: q0 off by one ulp; both starts lie on the circle to rounding."""
     one, other = (subject.ask(Rod(), q0=q, **request) for q in (Q0, np.nextafter(Q0, 2.0)))
     yield "", within(apart(one, other) / request.get("rtol", 1e-6), 100, "difference over the tolerance:")
 
@@ -69,7 +72,10 @@ COPIES: dict[str, Callable[[Any], Any]] = {"pickle": lambda x: pickle.loads(pick
 
 @row("R4", "pickle and deepcopy of solver and solution", "the same bits")
 def copies(subject: Subject, request: dict[str, Any]) -> Cases:
-    """Of a solution; of an integrator in mid-run: tests/hht/test_checkpoint.py."""
+    """Yield the cases of row R4: pickle and deepcopy of solver and solution.
+
+    Of a solution; of an integrator in mid-run: tests/hht/test_checkpoint.py.
+    """
     found = subject.ask(Rod(), **request)
     for case, made in COPIES.items():
         other = made(found)
@@ -78,7 +84,7 @@ def copies(subject: Subject, request: dict[str, Any]) -> Cases:
 
 @row("R5", "two solves in two threads; one solver in two threads", "the bits of one after the other; the second use refused")
 def threads(subject: Subject) -> Cases:
-    """Fifty rounds."""
+    """Yield the cases of row R5: two solves in two threads, fifty rounds, and one solver in two threads."""
 
     def run(gravity: float) -> hb.Solution:
         return subject.ask(Rod(gravity=gravity), (0.0, 0.3), rtol=1e-4)
@@ -111,7 +117,7 @@ def _second_use(subject: Subject) -> str:
 
 @row("R6", "SIGINT in mid-solve, five times", "KeyboardInterrupt within 0.5 s, next solve right")
 def interrupts(subject: Subject) -> Finding:
-    """A solve of a minute; a status interrupted counts as well."""
+    """Yield the cases of row R6: SIGINT during a long solve, five times; the status ``interrupted`` counts as well."""
     if threading.current_thread() is not threading.main_thread():
         raise Declined("signals come to the main thread")
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -150,7 +156,9 @@ def _interrupted(subject: Subject) -> str:
 
 @row("R7", "1000 failing and 1000 good solves of some 800 unknowns", "memory grows by less than 20 MB", lane=Lane.slow)
 def memory(subject: Subject) -> Cases:
-    """After fifty of each; a chain of 160 links is 480 coordinates and 320 constraints.  A hundred of each in Python.
+    """Yield the cases of row R7: 1000 failing and 1000 good solves of some 800 unknowns.
+
+    After fifty of each; a chain of 160 links is 480 coordinates and 320 constraints.  A hundred of each in Python.
 
     That NaN in the work arrays before a run change no bit is held by tests/hht/test_memory.py.
     """

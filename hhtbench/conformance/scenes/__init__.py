@@ -1,7 +1,7 @@
-"""Small mechanisms with closed solutions, one for every kind of equation, and what holds along their motions.
+"""Small mechanisms with closed solutions, one for every kind of equation.
 
-What a solver is judged by is written here by hand in NumPy and shares no code with what solvers receive: a fault in derived
-functions is seen like one in the solver.
+The equations used for judging are written by hand in NumPy and share no code with what solvers receive: a fault in derived
+functions shows like one in the solver.
 """
 
 from __future__ import annotations

@@ -36,7 +36,7 @@ class Arc(NamedTuple):
 
 
 def arc(q: Any, v: Any, along: Any, across: Any, radius: Any) -> Arc:
-    """What forces on the circle are made of."""
+    """Return arc length, rate, tangent and normal of the state on a circle, from which forces are made."""
     angle = jnp.arctan2(along @ q, radius - across @ q)
     s, c = jnp.sin(angle), jnp.cos(angle)
     tangent = c * along + s * across
@@ -44,20 +44,20 @@ def arc(q: Any, v: Any, along: Any, across: Any, radius: Any) -> Arc:
 
 
 def off_circle(q: Any, along: Any, across: Any, radius: Any) -> Any:
-    """Distance from the circle [m], to first order; its gradient is the normal."""
+    """Distance from the circle [m] to first order; its gradient is the normal."""
     x, y = along @ q, across @ q
     return (x * x + y * y) / (2 * radius) - y
 
 
 def on_circle(length: float, rate: float, along: Vector, across: Vector, radius: float) -> tuple[Vector, Vector]:
-    """q and v (n,) on the arc."""
+    """Return q and v (n,) of a point on the circle at the arc ``length`` with the ``rate``."""
     angle = length / radius
     s, c, depth = math.sin(angle), math.cos(angle), 2 * math.sin(angle / 2) ** 2
     return radius * (s * along + depth * across), rate * (c * along + s * across)
 
 
 class Crossed(System):
-    """Four coordinates on two circles: along the arcs springs, a damper, a spin that couples them, and a push on each."""
+    """Four coordinates on two circles, with springs, a damper, a gyroscopic coupling and pushes along the arcs."""
 
     slow: Any = parameter(1.0, doc="spring along SLOW [1/s^2]")
     fast: Any = parameter(1.0, doc="spring along FAST [1/s^2]")
@@ -70,7 +70,7 @@ class Crossed(System):
     radius: Any = parameter(1.0, doc="of both circles [m]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Along each arc by itself."""
+        """Applied force: along each arc by itself."""
         y = arc(q, v, SLOW, FIRST, self.radius)
         z = arc(q, v, FAST, SECOND, self.radius)
         pushed = jnp.where(t > self.begin, self.push, 0.0)
@@ -80,12 +80,12 @@ class Crossed(System):
         return along * y.tangent + across * z.tangent + (PRESS + pushed) * y.normal + PRESS * z.normal
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The rows."""
+        """Position constraints: the rows."""
         return self.rows @ jnp.stack([off_circle(q, SLOW, FIRST, self.radius), off_circle(q, FAST, SECOND, self.radius)])
 
 
 class Lengths(NamedTuple):
-    """Of both arcs and their rates, and what pushes against the first circle besides."""
+    """Arc lengths and rates on both circles, and the push against the first circle."""
 
     y: float
     z: float
@@ -95,7 +95,7 @@ class Lengths(NamedTuple):
 
 
 def _crossed(name: str, known: Any, span: float, size: float = 1.0, **given: Any) -> Problem:
-    """``known`` maps t to :class:`Lengths`."""
+    """Make a problem of :class:`Crossed` from ``known``, which maps t to :class:`Lengths`."""
     system = Crossed(**given)
     radius, rows = float(system.radius), np.asarray(system.rows)
 
@@ -112,14 +112,14 @@ def _crossed(name: str, known: Any, span: float, size: float = 1.0, **given: Any
 
 
 def crossed_levels(t: float, q: Vector, v: Vector) -> Vector:
-    """Both levels of the two circles of radius 1, (4,)."""
+    """Violations of both constraint levels of the two circles of radius 1, (4,)."""
     pairs = (SLOW, FIRST), (FAST, SECOND)
     places = [float(off_circle(q, u, n, 1.0)) for u, n in pairs]
     return np.array([*places, *((u @ q) * (u @ v) + (n @ q - 1.0) * (n @ v) for u, n in pairs)])
 
 
 def _waves(y: tuple[complex, complex], z: tuple[complex, complex] = (0.0, 0.0)) -> Callable[[float], Lengths]:
-    """Lengths that are real parts of an amplitude times exp(exponent t)."""
+    """Return arc lengths that are real parts of amplitude times exp(exponent t)."""
 
     def known(t: float) -> Lengths:
         (y_now, y_rate), (z_now, z_rate) = ((x := a * cmath.exp(s * t), s * x) for a, s in (y, z))
@@ -129,29 +129,29 @@ def _waves(y: tuple[complex, complex], z: tuple[complex, complex] = (0.0, 0.0)) 
 
 
 def stiff(stiffness: float, span: float) -> Problem:
-    """y = cos t along SLOW, and a vibration as large as 1 / stiffness along FAST."""
+    """Problem with y = cos t along SLOW, and a vibration of amplitude 1 / stiffness along FAST."""
     return _crossed("stiff", _waves((1.0, 1j), (1.0 / stiffness, 1j * math.sqrt(stiffness))), span, fast=stiffness)
 
 
 def damped(damper: float, span: float) -> Problem:
-    """y'' = -damper (y' + y) on its slow motion, about e^-t; ``damper`` above 4."""
+    """Problem y'' = -damper (y' + y) on its slow motion, about e^-t; ``damper`` above 4."""
     rate = 2.0 / (1.0 + math.sqrt(1.0 - 4.0 / damper))
     return _crossed("damped", _waves((1.0, -rate)), span, slow=damper, damper=damper)
 
 
 def led(stiffness: float, damper: float, span: float) -> Problem:
-    """y = sin t along SLOW, led there by a spring and a damper whose place of rest moves so."""
+    """Problem with y = sin t along SLOW, led by a spring and damper whose rest position moves so."""
     return _crossed("led", _waves((-1j, 1j)), span, slow=stiffness, damper=damper, lead=1.0)
 
 
 def spinning(spin: float, span: float) -> Problem:
-    """Springs of the size of a gyroscopic force: a slow circle of frequency near 1, the fast one near ``spin`` at rest."""
+    """Problem with springs of the size of a gyroscopic force: a slow circle of frequency near 1, the fast one at rest."""
     w = 2.0 / (1.0 + math.sqrt(1.0 + 4.0 / spin))
     return _crossed("spinning", _waves((1.0, 1j * w), (1j, 1j * w)), span, slow=spin, fast=spin, spin=spin)
 
 
 def pushed(push: float, begin: float, span: float) -> Problem:
-    """A force that jumps right after ``begin``: half of it moves, half of it the constraints take up."""
+    """Problem with a force that jumps at ``begin``: half of it moves the point, half is taken by the constraints."""
 
     def known(t: float) -> Lengths:
         s = max(t - begin, 0.0)
@@ -163,7 +163,7 @@ def pushed(push: float, begin: float, span: float) -> Problem:
 
 
 def leaning(rows: Any, span: float) -> Problem:
-    """Constraints ``rows`` (m, 2) of the two circles, however nearly dependent they are; y = cos t along SLOW."""
+    """Problem with constraint ``rows`` (m, 2) of the two circles, possibly nearly dependent; y = cos t along SLOW."""
     return _crossed("leaning", _waves((1.0, 1j)), span, rows=np.asarray(rows))
 
 
@@ -174,7 +174,7 @@ class Oscillator(System):
     damping: Any = parameter(0.0, doc="[1/s]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Spring and damper."""
+        """Applied force: spring and damper."""
         return -self.stiffness * q - self.damping * v
 
 
@@ -183,10 +183,10 @@ BEND = 2.0  # radius of the circle on which masses slide and bounce [m]
 
 
 class Guided(System):
-    """A mass on the circle."""
+    """A mass on a circle of radius ``BEND``."""
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The circle."""
+        """Position constraints: the circle."""
         return off_circle(q, AHEAD, ASIDE, BEND)[None]
 
 
@@ -196,13 +196,13 @@ class OneSided(Guided):
     stiffness: Any = parameter(1e4, doc="[1/s^2]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """The spring while it is pressed."""
+        """Applied force: the spring while it is pressed."""
         x = arc(q, v, AHEAD, ASIDE, BEND)
         return self.stiffness * jnp.maximum(-x.length, 0.0) * x.tangent + PRESS * x.normal
 
 
 def bouncing(stiffness: float, span: float) -> Problem:
-    """From 1 with speed -1: it arrives at t = 1 and leaves half a period of the spring later with speed 1."""
+    """Problem from 1 m with speed -1 m/s: it meets the spring at t = 1 and leaves half its period later with speed 1."""
     w = math.sqrt(stiffness)
 
     def exact(t: float) -> Motion:
@@ -224,30 +224,30 @@ class Sliding(Guided):
     width: Any = parameter(1e-2, doc="[m/s]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Friction, and what presses the mass to the circle."""
+        """Applied force: friction, and what presses the mass to the circle."""
         x = arc(q, v, AHEAD, ASIDE, BEND)
         return -jnp.tanh(x.rate / self.width) * x.tangent + PRESS * x.normal
 
 
 class Rubbing(Guided):
-    """The same, where friction is as large as the multiplier: what presses the mass leaves it at 1 m/s^2 at every speed."""
+    """A mass on a circle with friction as large as the multiplier, which is 1 m/s^2 at every speed."""
 
     width: Any = parameter(1e-2, doc="[m/s]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """What presses."""
+        """Applied force: what presses."""
         x = arc(q, v, AHEAD, ASIDE, BEND)
         return (1.0 - x.rate**2 / BEND) * x.normal
 
     def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
-        """Along the normal, and friction against the motion."""
+        """Reaction force: along the normal, and friction against the motion."""
         x = arc(q, v, AHEAD, ASIDE, BEND)
         normal = (q[0] * AHEAD + (q[1] - BEND) * ASIDE) / BEND
         return -lam[0] * normal - jnp.abs(lam[0]) * jnp.tanh(x.rate / self.width) * x.tangent
 
 
 def sliding(width: float, span: float, system: type[System] = Sliding) -> Problem:
-    """From the speed 1; it has come to rest at t = 1. ``system``: with friction as a force, or as a part of the reaction."""
+    """Problem that starts at 1 m/s and comes to rest at t = 1; ``system``: friction as a force or in the reaction."""
 
     def exact(t: float) -> Motion:
         rate = sliding_speed(width, t)
@@ -259,7 +259,7 @@ def sliding(width: float, span: float, system: type[System] = Sliding) -> Proble
 
 
 def sliding_speed(width: float, t: float) -> float:
-    """sinh(v / width) = sinh(1 / width) e^(-t / width) [m/s]."""
+    """Speed v(t) [m/s] with sinh(v / width) = sinh(1 / width) e^(-t / width)."""
     start = 1.0 / width
     level = start + math.log1p(-math.exp(-2.0 * start)) - math.log(2.0) - t / width  # logarithm of that
     return width * (
@@ -268,7 +268,7 @@ def sliding_speed(width: float, t: float) -> float:
 
 
 def slid(width: float, t: float) -> float:
-    """Way until ``t`` [m]: the integral of v coth(v / width) from :func:`sliding_speed` to 1, its straight part closed."""
+    """Path until ``t`` [m]: the integral of v coth(v / width) from :func:`sliding_speed` to 1, its straight part closed."""
     rate = sliding_speed(width, t)
     rest, _ = quad(lambda u: u / math.expm1(u) if u else 1.0, min(2 * rate / width, 100.0), min(2 / width, 100.0))
     return (1.0 - rate**2) / 2 + width**2 / 2 * rest

@@ -1,4 +1,4 @@
-"""A pendulum that carries another of any mass."""
+"""Double pendulum with any ratio of masses."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ class DoublePendulum(System):
     ratio: Any = parameter(1.0, doc="of the lower mass to the upper one")
 
     def mass_matrix(self, t: Any, q: Any) -> Any:
-        """Constant."""
+        """Mass matrix: constant."""
         return jnp.diag(jnp.stack([1.0 + 0 * self.ratio, 1.0 + 0 * self.ratio, self.ratio, self.ratio]))
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weights."""
+        """Applied force: weights."""
         return -GRAVITY * jnp.stack([0.0 * self.ratio, 1.0 + 0.0 * self.ratio, 0.0 * self.ratio, self.ratio])
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """Both rods."""
+        """Position constraints: both rods."""
         d = q[2:] - q[:2]
         return jnp.stack([(q[:2] @ q[:2] - 1.0) / 2.0, (d @ d - 1.0) / 2.0])
 
     @staticmethod
     def bent(upper: float, lower: float) -> tuple[np.ndarray, np.ndarray]:
-        """The rods at these angles [rad] from below, at rest."""
+        """State at rest with the rods at these angles [rad] from below."""
         first, second = (np.array([np.sin(x), -np.cos(x)]) for x in (upper, lower))
         return np.concatenate([first, first + second]), np.zeros(4)
 
     @staticmethod
     def straight(angle: float) -> tuple[np.ndarray, np.ndarray]:
-        """Both rods at ``angle`` [rad] from below, at rest."""
+        """State at rest with both rods at ``angle`` [rad] from below."""
         return DoublePendulum.bent(angle, angle)
 
     @staticmethod
     def fastest(ratio: float) -> float:
-        """Of small vibrations about hanging straight [rad/s]: omega^4 - 2 (1 + ratio) g omega^2 + (1 + ratio) g^2 = 0."""
+        """Highest frequency of small vibrations [rad/s]: omega^4 - 2 (1 + ratio) g omega^2 + (1 + ratio) g^2 = 0."""
         return float(np.sqrt(np.roots([1.0, -2.0 * (1.0 + ratio) * GRAVITY, (1.0 + ratio) * GRAVITY**2]).max()))
 
 
 def double_pendulum(ratio: float, span: float) -> Problem:
-    """Straight at 0.5 rad, at rest."""
+    """Double pendulum released straight at 0.5 rad, at rest."""
     q0, v0 = DoublePendulum.straight(0.5)
     return Problem(
         name="double_pendulum", system=DoublePendulum(ratio=ratio), t_span=(0.0, span), q0=q0, v0=v0, scales=Scales(v=3.0)

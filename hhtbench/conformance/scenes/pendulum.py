@@ -26,15 +26,15 @@ class Pendulum(System):
     scale: Any = parameter(1.0, doc="of the constraints")
 
     def mass_matrix(self, t: Any, q: Any) -> Any:
-        """Constant."""
+        """Mass matrix: constant."""
         return self.mass * jnp.eye(3)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weight."""
+        """Applied force: weight."""
         return self.mass * self.gravity
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """Rod and plane."""
+        """Position constraints: rod and plane."""
         d = q - self.centre
         return self.scale * jnp.stack([(d @ d - self.radius**2) / 2, self.normal @ d])
 
@@ -44,42 +44,42 @@ class Pendulum(System):
 
 
 class DeclaredPendulum(Pendulum):
-    """The same with every derivative declared."""
+    """The pendulum with every derivative declared."""
 
     def force_jacobians(self, t: Any, q: Any, v: Any) -> Any:
-        """The weight depends on nothing."""
+        """Jacobians of the force, which are zero."""
         return jnp.zeros((3, 3)), jnp.zeros((3, 3))
 
     def constraint_jacobian(self, t: Any, q: Any) -> Any:
-        """Directions of rod and normal."""
+        """Constraint Jacobian: directions of rod and normal."""
         return self.scale * jnp.stack([q - self.centre, self.normal])
 
     def constraint_time_derivative(self, t: Any, q: Any) -> Any:
-        """Nothing moves."""
+        """Time derivative of the constraints, which is zero."""
         return jnp.zeros(2)
 
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
-        """Centripetal."""
+        """Centripetal term of the constraints at the acceleration level."""
         return self.scale * jnp.stack([v @ v, 0.0])
 
     def reaction(self, t: Any, q: Any, lam: Any) -> Any:
-        """Along rod and normal."""
+        """Reaction force: along rod and normal."""
         return -self.constraint_jacobian(t, q).T @ lam
 
     def reaction_jacobians(self, t: Any, q: Any, lam: Any) -> Any:
-        """The rod's direction turns."""
+        """Jacobians of the reaction by q and lam."""
         return -self.scale * lam[0] * jnp.eye(3), -self.constraint_jacobian(t, q).T
 
 
 class HeavyingPendulum(Pendulum):
-    """Its mass depends on time and place: in the multipliers, not in the motion."""
+    """Pendulum whose mass depends on time and place, which changes its multipliers but not its motion."""
 
     def mass_matrix(self, t: Any, q: Any) -> Any:
-        """Grows."""
+        """Mass matrix: grows."""
         return (self.mass + q[0] + t) * jnp.eye(3)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weight."""
+        """Applied force: weight."""
         return (self.mass + q[0] + t) * self.gravity
 
     energy: Any = None
@@ -97,7 +97,7 @@ class Frame:
     scale: float = 1.0  #: of the constraints
 
     def turned(self, x: Vector) -> Vector:
-        """``x`` (3,) along the new axes."""
+        """Return ``x`` (3,) in the new axes."""
         return x if self.axes is None else self.axes @ x
 
 
@@ -106,7 +106,7 @@ RADIUS, MASS, GRAVITY = 1.2, 2.0, 9.81
 
 
 def swing(t: float) -> tuple[float, float]:
-    """Angle from below [rad] and its rate: sin(angle/2) = k cd(omega t, k^2), released at rest."""
+    """Angle from below [rad] and its rate of the pendulum released at rest: sin(angle/2) = k cd(omega t, k^2)."""
     k, omega = np.sin(AMPLITUDE / 2), np.sqrt(GRAVITY / RADIUS)
     sn, cn, dn, _ = ellipj(omega * t, k**2)
     angle = 2 * np.arcsin(k * cn / dn)
@@ -159,7 +159,7 @@ Function = Callable[..., Any]
 
 
 def numpy_pendulum(t_span: tuple[float, float] = SPAN, **changes: Function | None) -> Scene:
-    """The pendulum as plain callables, some of them replaced, or left out by None."""
+    """The pendulum as plain callables; ``changes`` replace some of them, or leave them out (None)."""
     like = pendulum(t_span=t_span)
     pull = np.array([0.0, -GRAVITY, 0.0])
     functions: dict[str, Any] = {

@@ -19,11 +19,11 @@ class Rod(hb.System):
     length: Any = hb.parameter(1.0, doc="[m]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weight."""
+        """Applied force: weight."""
         return jnp.stack([0.0 * self.gravity, -self.gravity])
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The rod."""
+        """Position constraints: the rod."""
         return jnp.stack([(q @ q - self.length**2) / 2.0])
 
 
@@ -42,19 +42,21 @@ REST = np.array([0.6, -0.9])
 
 
 def problem(system: Any, t_span: Any = SPAN, *, q0: Any = Q0, v0: Any = V0, name: str = "scene") -> hb.Problem:
-    """A problem from the start of the rod."""
+    """Make a problem of ``system`` from the start of the rod."""
     return hb.Problem(name=name, system=system, q0=q0, v0=v0, t_span=t_span)
 
 
 def plane(**functions: Any) -> hb.NumpySystem:
-    """The unit pendulum in its plane as plain functions, some of them replaced."""
+    """The unit pendulum in its plane as plain callables, some of them replaced by ``functions``."""
     given: dict[str, Any] = {name: function for name, function in FUNCTIONS.items() if name != "mass_matrix"}
     given["force_jacobians"] = lambda t, q, v: (np.zeros((2, 2)), np.zeros((2, 2)))
     return hb.NumpySystem(**{**given, **functions})
 
 
 def spoiled(name: str, bad: float | BaseException, when: Callable[..., bool]) -> hb.NumpySystem:
-    """The plane pendulum whose function ``name`` holds ``bad``, or raises it, where ``when(t, number of the call)``."""
+    """The plane pendulum whose function ``name`` returns ``bad``, or raises it, when ``when(t, number of the call)`` is
+    true.
+    """
     calls = [0]
 
     def function(t: float, *arguments: Any) -> Any:
@@ -71,7 +73,7 @@ def spoiled(name: str, bad: float | BaseException, when: Callable[..., bool]) ->
 
 
 def mutating(which: int) -> hb.NumpySystem:
-    """The plane pendulum whose force changes q, 0, or v, 1, in place."""
+    """The plane pendulum whose force changes q (0) or v (1) in place."""
 
     def force(t: float, *state: Any) -> Any:
         state[which][0] = 7.0

@@ -1,4 +1,4 @@
-"""A problem with its equations once more, by hand in NumPy, and what holds along its motion."""
+"""Scene: a problem with its equations written again by hand in NumPy."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Equations(NamedTuple):
 
 
 class Levels(NamedTuple):
-    """By how much a state is off the constraints."""
+    """Violation of the constraints by a state."""
 
     position: Vector  #: (m,)
     velocity: Vector  #: (m + p,)
@@ -34,14 +34,14 @@ class Levels(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A problem, and its equations once more."""
+    """A problem with independently written equations and constraint levels."""
 
     problem: Problem
     equations: Callable[[float, Vector, Vector], Equations]
     levels: Callable[[float, Vector, Vector], Levels]
 
     def put_back(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
-        """The nearest state on both levels of the constraints."""
+        """Return the nearest state on both levels of the constraints."""
         m = self.levels(t, q, v).position.size
         at, moved = np.array(q, dtype=np.float64), np.array(v, dtype=np.float64)
         for _ in range(CORRECTIONS if m else 0):
@@ -51,27 +51,27 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """Of the problem."""
+        """Name of the problem."""
         return self.problem.name
 
     def multipliers(self, t: float, q: Vector, v: Vector) -> Vector:
-        """(m + p,) at the acceleration level."""
+        """Multipliers (m + p,) of the acceleration level."""
         return multipliers(self.equations(t, q, v))
 
     def exact(self, t: float) -> Motion:
-        """The closed solution."""
+        """Closed solution at ``t``; raises if there is none."""
         if self.problem.exact is None:
             raise ValueError(f"{self.name} has no closed solution")
         return self.problem.exact(t)
 
 
 def _least(rows: Matrix, misfit: Vector) -> Vector:
-    """The shortest (n,) that ``rows`` (k, n) map to ``misfit`` (k,)."""
+    """Return the minimum-norm vector (n,) that ``rows`` (k, n) map to ``misfit`` (k,)."""
     return np.asarray(np.linalg.pinv(rows) @ misfit, dtype=np.float64)
 
 
 def multipliers(e: Equations) -> Vector:
-    """(m + p,): Schur complement of the KKT system."""
+    """Multipliers (m + p,) from the Schur complement of the KKT system."""
     if not e.rows.shape[0]:
         return np.zeros(0)
     schur = e.rows @ np.linalg.solve(e.mass, e.rows.T)
@@ -80,7 +80,7 @@ def multipliers(e: Equations) -> Vector:
 
 
 def on_motion(name: str, system: System, exact: Callable[[float], Motion], span: float, scales: Scales = UNIT) -> Problem:
-    """A problem over [0, ``span``] that starts on its closed solution."""
+    """Make a problem over [0, ``span``] that starts on its closed solution."""
     start = exact(0.0)
     return Problem(name=name, system=system, t_span=(0.0, span), q0=start.q, v0=start.v, exact=exact, scales=scales)
 
@@ -94,7 +94,7 @@ def make_scene(
     t_span: tuple[float, float] = SPAN,
     scales: Scales = UNIT,
 ) -> Scene:
-    """A scene that starts on its closed ``motion``; the multipliers follow from the equations."""
+    """Make a scene that starts on its closed ``motion``; the multipliers follow from the equations."""
     m = levels(t_span[0], *motion(t_span[0])).position.size
 
     def exact(t: float) -> Motion:

@@ -1,4 +1,4 @@
-"""What hangs by a stiff spring on something that a constraint drives; circles as in :mod:`.scenes`."""
+"""A length led by a stiff spring from another that a constraint drives; circles as in :mod:`.scenes`."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from hhtbench.protocol.system import Motion, Problem, System, parameter
 
 
 class Hung(System):
-    """Two circles: along the first a length is driven by a constraint, and a spring leads that of the second by it."""
+    """Two circles: a constraint drives the arc length of the first, and a spring leads that of the second by it."""
 
     spring: Any = parameter(1.0, doc="[1/s^2]")
     damper: Any = parameter(0.0, doc="[1/s]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Between the lengths of both arcs, and against both circles."""
+        """Applied force: between the lengths of both arcs, and against both circles."""
         y, z = arc(q, v, SLOW, FIRST, 1.0), arc(q, v, FAST, SECOND, 1.0)
         pull = self.spring * (y.length - z.length) + self.damper * (y.rate - z.rate)
         return -pull * y.tangent + (pull - jnp.sin(t)) * z.tangent + PRESS * (y.normal + z.normal)
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The circles and the drive."""
+        """Position constraints: the circles and the drive."""
         y = arc(q, q, SLOW, FIRST, 1.0)
         return jnp.stack([off_circle(q, SLOW, FIRST, 1.0), off_circle(q, FAST, SECOND, 1.0), y.length - jnp.sin(t)])
 
 
 def hung(spring: float, damper: float, span: float) -> Problem:
-    """Both lengths are sin t."""
+    """Problem in which both arc lengths are sin t."""
 
     def exact(t: float) -> Motion:
         s, c = math.sin(t), math.cos(t)

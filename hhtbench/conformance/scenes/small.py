@@ -24,20 +24,20 @@ class Oscillator(System):
     drive: Any = parameter(DRIVE, doc="[m/s^2]")
 
     def mass_matrix(self, t: Any, q: Any) -> Any:
-        """Full."""
+        """Mass matrix: full."""
         return jnp.asarray(INERTIA)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Springs, dampers and the drive."""
+        """Applied force: springs, dampers and the drive."""
         drive = self.drive * jnp.cos(FREQUENCY * t) * jnp.asarray(SHARES)
         return INERTIA @ (drive - self.stiffness * q - self.damping * v)
 
     def energy(self, t: Any, q: Any, v: Any) -> Any:
-        """Kinetic and of the springs."""
+        """Kinetic energy and energy of the springs."""
         return (v @ INERTIA @ v + self.stiffness * (q @ INERTIA @ q)) / 2
 
     def power(self, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
-        """Of dampers and drive."""
+        """Power of dampers and drive."""
         drive = self.drive * jnp.cos(FREQUENCY * t) * jnp.asarray(SHARES)
         return v @ (INERTIA @ (drive - self.damping * v))
 
@@ -45,9 +45,9 @@ class Oscillator(System):
 def oscillator(
     name: str = "unconstrained", stiffness: float = STIFFNESS, damping: float = DAMPING, free: float = 1.0
 ) -> Scene:
-    """Every coordinate for itself: x'' + d x' + k x = A cos(w t), from x = 1 at rest; without ``free`` the forced motion.
+    """Coordinates with x'' + d x' + k x = A cos(w t) each, from x = 1 at rest; with ``free`` 0 the forced motion only.
 
-    Overdamped without ``free`` only.
+    Overdamped parameters are allowed with ``free`` 0 only.
     """
     amplitude = DRIVE * stiffness / STIFFNESS  # so that what is stiff moves as far
     gain = amplitude * SHARES / ((stiffness - FREQUENCY**2) ** 2 + (damping * FREQUENCY) ** 2)
@@ -84,11 +84,11 @@ class MovingCircle(System):
     drift: Any = parameter(DRIFT, doc="[m/s]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """None."""
+        """Applied force: none."""
         return jnp.zeros(2)
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The circle."""
+        """Position constraints: the circle."""
         s = t - self.begin
         return jnp.stack([((q[0] - self.drift * s) ** 2 + q[1] ** 2 - (1 + self.growth * s) ** 2) / 2])
 
@@ -97,13 +97,13 @@ class MovingCircle(System):
         return v @ v / 2
 
     def power(self, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
-        """That of the reaction."""
+        """Power of the reaction."""
         s = t - self.begin
         return -lam[0] * ((q[0] - self.drift * s) * v[0] + q[1] * v[1])
 
 
 def moving_circle(begin: float = 0.0) -> Scene:
-    """From ``begin`` [s] on; the moment of momentum about the centre is kept."""
+    """Scene of :class:`MovingCircle` from ``begin`` [s] on; the angular momentum about the centre is conserved."""
 
     def motion(t: float) -> tuple[Vector, Vector]:
         s = t - begin
@@ -138,11 +138,11 @@ class Skate(System):
     slope: Any = parameter(2.0, doc="[m/s^2]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Weight along the slope."""
+        """Applied force: weight along the slope."""
         return jnp.stack([self.slope, 0.0, 0.0])
 
     def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
-        """No motion across the edge."""
+        """Velocity constraints: no motion across the edge."""
         return jnp.stack([v[0] * jnp.sin(q[2]) - v[1] * jnp.cos(q[2])])
 
     def energy(self, t: Any, q: Any, v: Any) -> Any:
@@ -151,7 +151,7 @@ class Skate(System):
 
 
 def skate() -> Scene:
-    """The speed u along the edge obeys u' = 2 cos(phi), phi = TURN t."""
+    """Scene of :class:`Skate`: the speed u along the edge obeys u' = 2 cos(phi), phi = TURN t."""
 
     def motion(t: float) -> tuple[Vector, Vector]:
         angle = TURN * t
@@ -180,20 +180,20 @@ class Screw(System):
     slip: Any = parameter(SLIP, doc="[m/s^2]")
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """Along the screw."""
+        """Applied force: along the screw."""
         return jnp.stack([0.0, 0.0, self.pull])
 
     def constraint(self, t: Any, q: Any) -> Any:
-        """The circle."""
+        """Position constraints: the circle."""
         return jnp.stack([(q[0] ** 2 + q[1] ** 2 - 1.0) / 2])
 
     def velocity_constraint(self, t: Any, q: Any, v: Any) -> Any:
-        """The nut rises as it turns, and slips."""
+        """Velocity constraints: the nut rises as it turns, and slips."""
         return jnp.stack([v[2] + q[1] * v[0] - q[0] * v[1] - self.slip * t])
 
 
 def screw() -> Scene:
-    """phi'' = (PULL - SLIP) / 2."""
+    """Scene of :class:`Screw`: the angle obeys phi'' = (PULL - SLIP) / 2."""
     rate = (PULL - SLIP) / 2
 
     def motion(t: float) -> tuple[Vector, Vector]:

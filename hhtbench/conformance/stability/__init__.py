@@ -1,1 +1,1 @@
-"""``hhtbench study stability``: where solvers are safe, where they fail, and how they end."""
+"""``hhtbench study stability``: parameter ranges in which solvers are safe, fail, or mislead."""

@@ -1,4 +1,4 @@
-"""``stability.html``: sentences, counts, and a map of every axis: solver and request against the parameter."""
+"""``stability.html``: sentences, counts, and a map of every axis with solver and request against the parameter."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ COLOURS = {  # distinct for colour-blind eyes; the letter of each kind tells it 
 
 
 def write_stability(found: Stability, folder: Path) -> Path:
-    """Write the page into ``folder``, made if missing; the comparison links it, and is linked if it is there.
+    """Write the page into ``folder`` (made if missing), linked with the comparison if that is there.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def write_stability(found: Stability, folder: Path) -> Path:
 
 
 def stability_page(found: Stability, compared: bool = False) -> str:
-    """The text of the page; ``compared``: the comparison lies beside it."""
+    """Return the HTML of the page; ``compared``: the comparison is in the same folder."""
     report = files("hhtbench.report")
     style = Template(report.joinpath("comparison.css").read_text(encoding="utf-8"))
     template = Template(files("hhtbench.conformance.stability").joinpath("stability.html").read_text(encoding="utf-8"))
@@ -80,7 +80,7 @@ def stability_page(found: Stability, compared: bool = False) -> str:
 
 
 def counts(found: Stability) -> Table:
-    """A line an axis, a column a solver: right cells of those that it can be asked, and how many are silently wrong."""
+    """Return the table of right cells per axis and solver, with the number of silently wrong ones."""
     rows: list[list[str | Cell]] = [
         [Cell(axis.id, detail=axis.sentence), *(_share(found.of(axis.id, solver)) for solver in found.solvers)]
         for axis in found.axes
@@ -98,7 +98,7 @@ def _share(asked: list[Outcome]) -> Cell:
 
 
 def allowed(found: Stability, axis: Entry) -> dict[str, str]:
-    """Line of the axis -> what is expected, and the largest errors that count as right, least to most."""
+    """Map each line of the axis to what is expected and the smallest and largest allowed errors."""
     bounds: dict[str, dict[str, list[float]]] = {}
     for cell in cells_of(axis.id, found.seed):
         for name, known in cell.expected.items():
@@ -123,7 +123,7 @@ def _section(found: Stability, axis: Entry) -> str:
 
 
 def axis_map(asked: list[Outcome], label: str) -> str:
-    """A line for every solver and request, a column for every value of the parameter, a coloured letter for every cell."""
+    """Return the HTML map of an axis: one row per solver and request, one column per value, a coloured letter per cell."""
     columns = sorted({x.x for x in asked if x.x is not None})
     letters: dict[str, dict[float | None, str]] = {}
     for x in asked:
@@ -141,14 +141,14 @@ def _letter(x: Outcome) -> str:
 
 
 def _opacity(x: Outcome) -> float:
-    """Of a right cell: full from a hundredth of the allowed error on, pale at all of it."""
+    """Opacity of a right cell: full up to a hundredth of the allowed error, pale at all of it."""
     if x.kind is not Kind.right or not x.share:
         return 1.0
     return PALEST + (1.0 - PALEST) * min(max(-math.log10(x.share), 0.0), 2.0) / 2.0
 
 
 def _figures(x: Outcome) -> str:
-    """What a pointer shows."""
+    """Text of a cell's tooltip."""
     parts = [f"{name} off by {error:.1e}" for name, error in x.errors.items()]
     parts += [f"{x.share:.2g} of what is allowed"] if x.share is not None else [f"{x.status}: {x.message[:160]}"]
     parts += [] if x.steps is None else [f"{x.steps} steps"]

@@ -1,4 +1,4 @@
-"""``hhtbench study stability``: every family of cells with every solver, and one sentence a solver."""
+"""``hhtbench study stability``: measure every family of cells with every solver, and summarise each solver."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ FIELDS = ("solver", "x", "line", "status", "message", "share", "steps", "evaluat
 
 @dataclass(frozen=True, kw_only=True)
 class Stability:
-    """What :func:`study_stability` found."""
+    """Result of :func:`study_stability`."""
 
     axes: tuple[Entry, ...]
     solvers: tuple[str, ...]
@@ -55,15 +55,15 @@ class Stability:
     environment: Mapping[str, str] = field(default_factory=environment)
 
     def of(self, axis: str = "", solver: str = "", *kinds: Kind) -> list[Outcome]:
-        """Outcomes on an axis, of a solver, of some kinds; declined ones only where they are asked for."""
+        """Return outcomes by axis, solver and kind; declined ones only if asked for."""
         return [x for x in self.measured if axis in ("", x.id) and solver in ("", x.solver) and x.kind in (kinds or WORDS)]
 
     def counts(self, axis: str = "", solver: str = "") -> Counter[Kind]:
-        """How many of them ended in which way."""
+        """Count outcomes by kind, on an axis and for a solver."""
         return Counter(x.kind for x in self.of(axis, solver))
 
     def sentence(self, solver: str) -> str:
-        """Where a solver is safe and where not."""
+        """Summarise where a solver is safe and where not."""
         counts = self.counts(solver=solver)
         if not counts:
             return f"{solver} can be asked none of these."
@@ -87,7 +87,7 @@ class Stability:
         return text + (f" Misleading on {'; '.join(unsafe)}." if unsafe else "")
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values, for JSON: lines of an axis as one letter a cell, and the cells themselves."""
+        """Return plain values, for JSON: lines of an axis with one letter per cell, and the cells themselves."""
         return {
             "schema": "hhtbench.stability/2",
             "seed": self.seed,
@@ -107,7 +107,7 @@ class Stability:
 
 
 def letters(measured: Sequence[Outcome]) -> dict[str, dict[str, str]]:
-    """Solver -> line -> a letter a cell, along the parameter."""
+    """Return solver -> line -> one letter per cell along the parameter."""
     found: dict[str, dict[str, str]] = {}
     for x in sorted(measured, key=lambda x: x.x or 0.0):
         lines = found.setdefault(x.solver, {})
@@ -125,9 +125,10 @@ def study_stability(
     tell: Callable[[Batch, Sequence[Outcome]], None] = lambda batch, measured: None,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> Stability:
-    """Measure the axes ``only``, by default all, with ``solvers``; ``small``: few cells of each.
+    """Measure the axes ``only`` (default: all) with ``solvers``; ``small``: few cells of each.
 
-    ``tell`` hears of each batch, ``progress`` how many of how many are measured, both from the thread that has measured it.
+    ``tell`` is called after each batch and ``progress`` with the number of batches measured, from the thread that measured
+    it.
     """
     began = time.perf_counter()
     axes, columns = chosen(FAMILIES, only, "axis"), tuple(solvers) or SOLVERS

@@ -1,6 +1,6 @@
-"""Cells in worker processes that are killed where they run on: nothing hangs, and a crash costs its own cell only.
+"""Measure cells in worker processes, which are killed if they overrun; a crash costs its own cell only.
 
-A cell holds functions: it is named by its family, its place there and the seed, and made anew in the worker.
+A cell holds functions, so it is named by family, index and seed, and made anew in the worker.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MAX_OVERDUE = MAX_COMPILING + 30.0  # [s] beyond twice the budget of a cell, aft
 
 @dataclass(frozen=True)
 class Batch:
-    """Cells of one family for one solver: one worker has compiled for all of them."""
+    """Cells of one family for one solver, measured by one worker, which compiles for all of them."""
 
     solver: str
     family: str
@@ -31,7 +31,7 @@ class Batch:
 
 
 def measure_all(batches: Iterable[Batch], jobs: int, tell: Callable[[Batch, Sequence[Outcome]], None]) -> list[Outcome]:
-    """Every cell of every batch; ``tell`` hears of each batch, from the thread that has measured it."""
+    """Measure every cell of every batch; ``tell`` is called after each batch, from the thread that measured it."""
     with worker_processes(jobs) as pool:
         measured = [pool.lend(partial(_measured, batch, tell)) for batch in batches]
         return [found for batch in measured for found in batch.result()]
@@ -44,7 +44,7 @@ def _measured(batch: Batch, tell: Callable[[Batch, Sequence[Outcome]], None], wo
 
 
 def outcome_in(worker: Worker, batch: Batch, place: int) -> Outcome:
-    """The outcome of one cell, whatever it does."""
+    """Measure one cell in a worker; a hang or crash becomes its outcome."""
     cell = cells_of(batch.family, batch.seed)[place]
     began, most = time.perf_counter(), 2 * cell.seconds + MAX_OVERDUE
     try:
@@ -70,6 +70,6 @@ def _subject(solver: str) -> Subject:
 
 @cache
 def cells_of(family: str, seed: int) -> Sequence[Cell]:
-    """Of a family, in their order."""
+    """Return the cells of a family in their order."""
     (found,) = chosen(FAMILIES, [family], "axis")
     return tuple(cell for (cell,) in found.cases(seed) if isinstance(cell, Cell))

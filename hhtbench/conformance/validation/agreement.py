@@ -1,4 +1,4 @@
-"""Who agrees with whom, from the states that rows hold; and errors by agreement where nothing else is known."""
+"""Compare solvers by the states in their rows, and take their differences as errors where no solution is known."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_REFERENCE = "no reference: judged by agreement"
 
 @dataclass(frozen=True)
 class Compared:
-    """One problem's rows once they were compared two by two."""
+    """Rows of one problem after pairwise comparison."""
 
     problem: str  #: canonical spec
     rows: tuple[RunRow, ...]  #: with errors, also where no solution is known
@@ -30,10 +30,10 @@ class Compared:
 
 
 def compare_rows(name: str, problem: Problem, rows: Sequence[RunRow]) -> Compared:
-    """The tightest success of every solver against those of the others.
+    """Compare the tightest success of every solver with those of the others.
 
-    Where no solution is known, the errors of all rows are their differences from the solver to which the others are nearest
-    in the median; its own is that from the nearest of another library.
+    If no solution is known, the errors of all rows are their differences from the solver with the smallest median
+    difference; its own error is its difference from the nearest solver of another library.
     """
     own = [row for row in rows if row.problem == name]
     best = {row.solver: row for row in sorted(own, key=effort) if row.success and "states" in row.series}
@@ -52,7 +52,7 @@ def _motion(row: RunRow) -> Motion:
 
 
 def _judged(row: RunRow, middle: RunRow, found: Agreement, solvers: list[str], problem: Problem) -> RunRow:
-    """The row with its difference from the middle one as error."""
+    """Return the row with its difference from the middle solver's row as error."""
     if "states" not in row.series or not row.success:
         return row
     if row.key == middle.key:
@@ -66,12 +66,12 @@ def _judged(row: RunRow, middle: RunRow, found: Agreement, solvers: list[str], p
 
 
 def family(solver: str) -> str:
-    """The library of a spec."""
+    """Return the library name of a spec."""
     return parse_spec(solver).name
 
 
 def agreement_rows(compared: Compared, verdicts: Sequence[Verdict]) -> list[Row]:
-    """Claims about a problem without reference: nobody disagrees, two families agree; how far they are apart."""
+    """Return claims about a problem without reference: no solver disagrees, two libraries agree; and their spread."""
     name = compared.problem
     own = [verdict for verdict in verdicts if verdict.problem == name]
     agree = [verdict.solver for verdict in own if verdict.kind is Kind.agrees]
@@ -89,7 +89,7 @@ def agreement_rows(compared: Compared, verdicts: Sequence[Verdict]) -> list[Row]
 
 
 def matrix_text(compared: Compared) -> str:
-    """The pairwise differences as Markdown."""
+    """Format the pairwise differences as Markdown."""
     judged = "" if compared.known else f"{NO_REFERENCE}; "
     difference = "Largest difference of q and v of two solvers' tightest runs, over their size"
     return "\n".join(

@@ -1,4 +1,4 @@
-"""Which solvers a problem is validated with, and how tightly."""
+"""Plan of a validation: solvers, forms and tolerances."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ OUTPUTS = 11  # equal distances; the times of the reference are added
 
 
 def validation_campaign(problems: tuple[str, ...], max_seconds: float = MAX_SECONDS) -> Campaign:
-    """The runs that validate ``problems`` (specs)."""
+    """Return the campaign that validates ``problems`` (specs)."""
     return Campaign(
         grids=(
             Grid(problems=problems, solvers=PAIRS, rtol=RTOL),
@@ -51,5 +51,5 @@ def validation_campaign(problems: tuple[str, ...], max_seconds: float = MAX_SECO
 
 
 def stepped(solver: str) -> bool:
-    """Whether the canonical spec is of a solver with constant steps."""
+    """True if the canonical spec is of a solver with constant steps."""
     return solver in {canonical(text) for text in STEPPED}

@@ -26,7 +26,7 @@ HARD = {  # tags that excuse fewer pairs: what the solvers meet there is stated 
 
 @dataclass(frozen=True, kw_only=True)
 class Validated:
-    """What :func:`validate` found."""
+    """Result of :func:`validate`."""
 
     text: str  #: the tables, as Markdown
     evidence: Evidence  #: a claim a row
@@ -39,18 +39,18 @@ def validate(
     max_seconds: float = MAX_SECONDS,
     progress: Progress | None = None,
 ) -> Validated:
-    """Solve ``problems`` (specs; none: all of the library, on the spans their plans name) and compare the solutions.
+    """Solve ``problems`` (specs; none: the whole library, on the spans of their plans) with many solvers and compare.
 
     Parameters
     ----------
     file
         Store of the rows, which is resumed; None: they are not kept.
     jobs
-        Worker processes; None: one a core.
+        Worker processes; None: one per core.
     max_seconds
-        Most time of one solve [s].
+        Time limit of one solve [s].
     progress
-        Which part is run, how much of it is done, and of how much.
+        Called with the part that is running, the number done and the number in all.
     """
     plan = {} if problems else registered_plans()
     specs = problems or tuple(validated_spec(name, plan) for name in list_problems())
@@ -70,7 +70,7 @@ def validate(
 
 
 def _claims(compared: list[Compared], verdicts: list[Verdict], reasons: dict[str, str]) -> list[Row]:
-    """About problems whose solution is known, and about those where solvers are all there is."""
+    """Return claims about problems with a known solution, and about those judged by agreement only."""
     alone = {entry.problem for entry in compared if not entry.known}
     known = [verdict for verdict in verdicts if verdict.problem not in alone]
     rows = evidence_rows(known, reasons, frozenset(map(canonical, MAKERS)))

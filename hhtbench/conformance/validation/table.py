@@ -1,4 +1,4 @@
-"""The solvability matrix as Markdown: who solves what, how accurately, with how many evaluations, and who fails how."""
+"""The solvability matrix as Markdown: accuracy, evaluations and failures of each solver on each problem."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOST_REASONS = 60  # distinct messages listed under the tables
 
 
 def solvability(verdicts: list[Verdict], command: str) -> str:
-    """Both matrices and the reasons of what did not work."""
+    """Format both matrices and the reasons of failures."""
     problems = list(dict.fromkeys(verdict.problem for verdict in verdicts))
     solvers = list(dict.fromkeys(verdict.solver for verdict in verdicts))
     by_pair = {(verdict.problem, verdict.solver): verdict for verdict in verdicts}
@@ -67,7 +67,7 @@ def _accuracy(verdict: Verdict | None) -> str:
 
 
 def digits(error: float) -> str:
-    """-log10 of ``error`` with one decimal."""
+    """Return -log10 of ``error`` with one decimal."""
     return f"{-log10(max(error, 1e-16)):.1f}"
 
 

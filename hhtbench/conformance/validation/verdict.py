@@ -1,4 +1,4 @@
-"""From rows to verdicts: who agrees with the reference, who converges towards it, who disagrees, who fails and how."""
+"""Verdicts from rows: a solver agrees with the reference, converges towards it, disagrees, or fails."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ AGREEMENT_OF_STEPS = 1e-4  # the same at constant steps of a second-order method
 CONVERGING = 0.2  # of the error at the next looser request: a solver on its way to the reference
 NEAR = 1e-3  # error beyond which nothing counts as on its way
 MULTIPLIER = 1e-2  # of the errors of lam and mu, which follow from q and v with the stiffness as a factor
-ENOUGH = 6  # pairs that must agree
+MIN_AGREEING = 6  # smallest number of pairs that must agree
 BUDGETS = ("deadline", "max_steps", "evaluation_budget")  # statuses that say nothing about the solver's answer
 LIMIT = 3.0  # of the reference's own error bar: a result this close cannot be told from it
 
 
 class Kind(Enum):
-    """How a pair of problem and solver ended."""
+    """Verdict on a pair of problem and solver."""
 
     agrees = "agrees"
     converges = "converges"  # its error falls with the tolerance, but stays above the bound
@@ -35,7 +35,7 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Verdict:
-    """One solver on one problem."""
+    """Verdict on one solver on one problem."""
 
     row: RunRow  #: the judged run
     kind: Kind
@@ -43,17 +43,17 @@ class Verdict:
 
     @property
     def problem(self) -> str:
-        """Its canonical spec."""
+        """Canonical spec of the problem."""
         return self.row.problem
 
     @property
     def solver(self) -> str:
-        """Its canonical spec."""
+        """Canonical spec of the solver."""
         return self.row.solver
 
 
 def judge(rows: Iterable[RunRow]) -> list[Verdict]:
-    """A verdict for every pair that ``rows`` hold, in their order."""
+    """Return a verdict for every pair of problem and solver in ``rows``, in their order."""
     groups: dict[tuple[str, str], list[RunRow]] = {}
     for row in rows:
         groups.setdefault((row.problem, row.solver), []).append(row)
@@ -61,9 +61,9 @@ def judge(rows: Iterable[RunRow]) -> list[Verdict]:
 
 
 def error_of(row: RunRow) -> float | None:
-    """Largest scaled error of q and v over the compared times, or None; of lam and mu too where it is not small.
+    """Return the largest scaled error of q, v and, with less weight, lam and mu over the compared times; None if not known.
 
-    Multipliers follow from q and v with the stiffness as a factor, so they count MULTIPLIER times less.
+    Multipliers follow from q and v with the stiffness as a factor, so they are weighted by MULTIPLIER.
     """
     errors, weights = row.metrics.get("errors", {}), {"q": 1.0, "v": 1.0, "lam": MULTIPLIER, "mu": MULTIPLIER}
     found = [(weights[name], errors[name]["max_scaled"]) for name in weights if name in errors]
@@ -93,31 +93,32 @@ def _verdict(rows: list[RunRow]) -> Verdict:
 
 
 def short(solver: str) -> str:
-    """A column's head: ``ida ggl``."""
+    """Return a short column heading for a spec: ``ida ggl``."""
     spec = parse_spec(solver)
     words = [str(value) for name, value in spec.arguments.items() if not (name == "form" and value == "ode")]
     return " ".join([spec.name, *words])
 
 
 def effort(row: RunRow) -> float:
-    """Grows with the tightness of what was asked."""
+    """Return a number that grows with the tightness of the request."""
     asked = row.request
     return float(asked["steps"]) if asked["steps"] is not None else -float(asked["rtol"] or 0.0)
 
 
 def claim(id: str, text: str, measured: str | float, bound: object, passed: bool | None) -> Row:
-    """A claim about the problem that ``id`` begins with."""
+    """Return a claim about the problem whose name ``id`` begins with."""
     return Row(id=id, claim=f"{id.rpartition('/')[0]}: {text}", measured=measured, bound=str(bound), passed=passed)
 
 
 def nobody_disagrees(problem: str, own: list[Verdict], text: str) -> Row:
-    """The claim that no solver disagrees, of the verdicts on one problem."""
+    """Return the claim that no solver disagrees, from the verdicts on one problem."""
     wrong = [f"{v.solver} {v.error:.1e}" for v in own if v.kind is Kind.disagrees]
     return claim(f"{problem}/agree", text, "; ".join(wrong) or "none", "none", not wrong)
 
 
 def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str], makers: frozenset[str] = frozenset()) -> list[Row]:
-    """Per problem: nobody disagrees, and enough agree or there is a reason (``reasons``: problem -> why fewer).
+    """Return rows per problem: no solver disagrees, and enough agree or a reason is known (``reasons``: problem -> why
+    fewer).
 
     ``makers`` (canonical specs) made the references and do not count among those that agree.
     """
@@ -125,16 +126,16 @@ def evidence_rows(verdicts: list[Verdict], reasons: dict[str, str], makers: froz
     for problem in dict.fromkeys(verdict.problem for verdict in verdicts):
         own = [verdict for verdict in verdicts if verdict.problem == problem]
         agree = [v for v in own if v.kind is Kind.agrees and not stepped(v.solver) and v.solver not in makers]
-        few, reason = len(agree) < ENOUGH, reasons.get(problem, "")
+        few, reason = len(agree) < MIN_AGREEING, reasons.get(problem, "")
         measured = f"{len(agree)}" + (f": {reason}" if few and reason else "")
-        enough = f"at least {ENOUGH} pairs agree to {AGREEMENT:g}, or a reason is known"
+        enough = f"at least {MIN_AGREEING} pairs agree to {AGREEMENT:g}, or a reason is known"
         steps = [verdict for verdict in own if verdict.solver == "hht"]
         shown = "; ".join(f"{v.error:.1e}" if v.error is not None else v.row.status for v in steps)
         good = any(verdict.kind is Kind.agrees for verdict in steps)
         constant = f"HHT at constant steps agrees to {AGREEMENT_OF_STEPS:g}"
         rows += [
             nobody_disagrees(problem, own, "no pair disagrees with the reference"),
-            claim(f"{problem}/pairs", enough, measured, ENOUGH, not few or bool(reason)),
+            claim(f"{problem}/pairs", enough, measured, MIN_AGREEING, not few or bool(reason)),
             claim(f"{problem}/hht", constant, shown, f"{AGREEMENT_OF_STEPS:g}", good),
         ]
     return rows

@@ -1,0 +1,52 @@
+"""Mistakes of a first hour: the message names what is wrong and what to write."""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import hhtbench as hb
+
+START = {"t_span": (0.0, 1.0), "q0": [0.0, 0.0], "v0": [0.0, 0.0]}
+
+
+class Fall(hb.System):
+    def force(self, t, q, v):
+        return jnp.array([0.0, -9.81])
+
+
+def problem(system=None, **changes):
+    return hb.Problem(**({"name": "fall", "system": system or Fall(), **START} | changes))
+
+
+def swapped(q, v):
+    return np.zeros(2)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "text"),
+    [
+        (lambda: hb.solve(problem(hb.NumpySystem(force=swapped))), r"force must take the arguments \(t, q, v\), .*\(q, v\)"),
+        (lambda: hb.solve(problem(), events=lambda t, q: q[1]), r"events\[0\] must take the arguments \(t, q, v\)"),
+        (lambda: hb.solve(problem(scales=hb.Scales(q=[1.0, 2.0, 3.0]))), r"scales.q must be a number or have shape \(2,\)"),
+        (lambda: problem(scales={"q": 1.0}), r"scales must be a hhtbench.Scales"),
+        (lambda: problem(Fall), r"system must be an object, not the class Fall; write system=Fall\(\)"),
+        (lambda: hb.solve(Fall()), r"got the system Fall. It needs a start and an interval"),
+        (lambda: hb.solve(problem(), rtol="1e-6"), r"got the text '1e-6'. Write numbers without quotes"),
+    ],
+)
+def test_the_message_leads_to_the_mend(mistake, text):
+    with pytest.raises((TypeError, ValueError), match=text):
+        mistake()
+
+
+def test_an_exception_of_a_users_function_stays_itself():
+    error = TypeError("of the user")
+
+    def raising(t, q, v):
+        raise error
+
+    with pytest.raises(TypeError) as caught:
+        hb.solve(problem(hb.NumpySystem(force=raising)))
+    assert caught.value is error
