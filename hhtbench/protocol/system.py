@@ -349,9 +349,6 @@ class Problem(Printed):
         v0 = real_array("v0", self.v0)
         if v0.shape != q0.shape:
             raise ProblemError(f"v0 must have shape {q0.shape}; got {v0.shape}. It has one entry for each of q0.")
-        if isinstance(self.system, type):
-            name = self.system.__name__
-            raise ProblemError(f"system must be an instance; {name} is the class: write system={name}().")
         if not isinstance(self.t_span, (tuple, list)) or len(self.t_span) != 2:
             raise ProblemError(f"t_span must be two times (start, end) [s]; got {self.t_span!r}.")
         span = tuple(real_number(f"t_span[{i}]", t, unit=" [s]") for i, t in enumerate(self.t_span))

@@ -103,7 +103,7 @@ print(sum(len(open(file).readlines()) for file in own))
 @pytest.mark.parametrize(
     ("kind", "most"),
     [
-        ("hb.Problem(name='p', system=called, **start)", 7_750),
+        ("hb.Problem(name='p', system=called, **start)", 7_770),
         ("hb.Problem(name='p', system=Own(), **start)", 10_350),
         ("'simple_pendulum'", 10_600),
     ],
