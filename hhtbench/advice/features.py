@@ -61,7 +61,7 @@ class Probe:
 
 
 def probe(problem: Problem) -> Probe:
-    """Features of ``problem`` at its start, by :data:`~hhtbench.lowering.equations.POWERS` + 3 accelerations.
+    """Features of ``problem`` at its start, by :data:`~hhtbench.lowering.equations.POWER_STEPS` + 3 accelerations.
 
     Raises
     ------

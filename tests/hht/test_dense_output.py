@@ -84,7 +84,7 @@ def test_rows_are_the_same_bits_where_too_many_steps_are_not_kept(monkeypatch, s
 
 def test_steps_that_nobody_asked_for_take_no_memory_beyond_what_is_kept(monkeypatch):
     monkeypatch.setattr(history, "KEPT", 10_000)
-    monkeypatch.setattr(solve, "MOST", 512)
+    monkeypatch.setattr(solve, "MAX_CALL", 512)
     solver, steps = HHT(SYSTEMS["jax"]), 20_000
     solver.solve((0.0, 1.0), Q0, V0, steps=steps, t_eval=[1.0])
     tracemalloc.start()

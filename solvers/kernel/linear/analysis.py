@@ -16,7 +16,7 @@ from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol.arguments import Vector
 from solvers.kernel import memory as mem
 from solvers.kernel.full import address_of
-from solvers.kernel.linear.matrix import PRODUCT
+from solvers.kernel.linear.matrix import MAX_INVERTED
 from solvers.kernel.linear.order import Order, find_order
 from solvers.kernel.memory import Memory, Sizes, allocate, integer_view, view
 from solvers.kernel.numbers import EPS, FULL_RANK
@@ -102,7 +102,7 @@ class Analysis:
     @property
     def inverse(self) -> int:
         """Numbers of one inverse, where it is kept."""
-        return self.size**2 if self.kind == "inverse" or (self.storage and self.size <= PRODUCT) else 0
+        return self.size**2 if self.kind == "inverse" or (self.storage and self.size <= MAX_INVERTED) else 0
 
     @property
     def matrix_cost(self) -> float:
