@@ -14,7 +14,7 @@ from scipy.sparse.linalg import splu
 
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import Indices, find_pattern
-from hhtbench.lowering.compile.routes import MOST_UNKNOWNS, route_of
+from hhtbench.lowering.compile.routes import MAX_UNKNOWNS, route_of
 from hhtbench.lowering.dynamics.derive import derive
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.lowering.dynamics.kkt_rows import kkt_residual, kkt_terms
@@ -42,7 +42,7 @@ def _operations(dynamics: Any) -> dict[str, int] | None:
     s = dynamics.structure
     if route_of(dynamics) == "numpy":
         return None
-    if s.n + s.m + s.p > MOST_UNKNOWNS:
+    if s.n + s.m + s.p > MAX_UNKNOWNS:
         dynamics = matrix_free(dynamics) or dynamics
     try:
         residual = count_operations(kkt_residual, dynamics, shapes=((s.n + s.m + s.p,), (), (s.n,), (s.n,)))

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
+from hhtbench.lowering.compile.coloured import MAX_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.routes import too_large
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.dynamics import innermost
@@ -234,7 +234,7 @@ class SparseCode(MachineCode):
             pattern = find_pattern(equations_of(self.method).residual_and_ends, self.dynamics, *static, example=example)
         except NotImplementedError as error:
             raise NotNative(f"the pattern of its derivatives cannot be read: {error}") from error
-        if pattern.computed > MOST_COMPUTED:
+        if pattern.computed > MAX_COMPUTED:
             raise NotNative(f"{pattern.colours} derivatives of {pattern.shape[0]} rows")
         early = native(residual_and_entries, self.dynamics, *static, pattern, stage="early", **options)
         late = native(residual_and_entries, self.dynamics, *static, pattern, compact=True, stage="late", **options)
