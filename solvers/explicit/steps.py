@@ -33,7 +33,7 @@ _known = Cache(16)
 
 
 class CompiledSteps:
-    """Steps of the method ``name`` in the run ``run``, whose functions are machine code.
+    """Integrate ``run`` in the compiled loop by the explicit Runge-Kutta method ``name``.
 
     Raises
     ------

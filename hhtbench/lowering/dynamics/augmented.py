@@ -37,7 +37,7 @@ class AugmentedDynamics(Wrapper):
         return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
 
     def _stacked(self, of_position: Callable[[], Any], of_velocity: Callable[[], Any]) -> Any:
-        """Concatenate the values for the rows of g and of k that take part."""
+        """Stack values of the position rows g and, if they take part, the velocity rows k; called only where declared."""
         s = self.inner.structure
         parts = [of_position()] if s.m else []
         return self.xp.concatenate([*parts, of_velocity()] if s.p and not s.velocity_jacobian_uses_v else parts)
