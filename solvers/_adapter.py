@@ -1,4 +1,4 @@
-"""What the adapters of foreign libraries share: options, and what they accept.
+"""Base class of the adapters of foreign libraries: options, requests they accept, and one solve.
 
 A library is driven one accepted step at a time.  :class:`~solvers._run.Run` hands it the equations of a form as callbacks,
 each counted and guarded, and takes the steps; the subclass of :class:`Adapter` holds what differs between libraries.
@@ -26,14 +26,14 @@ from solvers._start import Failure
 
 
 def choose(solver: str, options: Mapping[str, Any], known: Mapping[str, tuple[str, ...]]) -> dict[str, str]:
-    """Every known option with its value; the first possible value is the default.
+    """Values of all ``known`` options; the first possible value of each is its default.
 
     Raises
     ------
     TypeError
         An option is unknown.
     ProblemError
-        A value is; the text names the closest.
+        A value is unknown; the message names the closest.
     """
     unknown = sorted(set(options) - set(known))
     if unknown:
@@ -50,13 +50,13 @@ def choose(solver: str, options: Mapping[str, Any], known: Mapping[str, tuple[st
 
 @dataclass(frozen=True)
 class Adapter:
-    """One library with one form and method, as the bench sees it.
+    """One library with one form and method, as a solver of the bench.
 
     Relative tolerances are the request's; absolute ones too, or ``rtol`` times the problem's scales of q and v where the
-    request gives none.  Multipliers are not in the error test.  Output at ``t_eval`` leaves the steps as they are and is as
-    accurate: interpolated by methods of many steps, by a shorter step from the same start for methods of one step.  With
-    ``dense_output=True`` the library's own interpolant is kept, which costs work at every step.  Rows and dense output are
-    not put onto the constraints: how far they are off them is what the bench measures.
+    request gives none.  Multipliers are not in the error test.  Output at ``t_eval`` leaves the steps unchanged and is as
+    accurate: interpolated by multistep methods, by a shorter step from the same start for one-step methods.  With
+    ``dense_output=True`` the library's own interpolant is kept, which costs work at every step.  Rows and dense output
+    are not projected onto the constraints: their drift is what the bench measures.
     """
 
     name: str
@@ -64,11 +64,11 @@ class Adapter:
     method: str
     library: ClassVar[str]
     installed: ClassVar[bool] = True
-    interpolates: ClassVar[bool] = True  #: whether there is dense output
-    heeds_tolerances: ClassVar[bool] = True  #: two of its runs that agree need not take different steps
+    interpolates: ClassVar[bool] = True  #: True if it has dense output
+    heeds_tolerances: ClassVar[bool] = True  #: True if different tolerances give different steps
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
-        """The reason why this solver cannot take the problem or request, or None; no function of a system is evaluated."""
+        """Reason why this solver cannot take the problem or request, or None; evaluates no function of a system."""
         if not self.installed:
             return f"skipped, {self.library} is not installed"
         if request.options:
@@ -82,7 +82,7 @@ class Adapter:
         if request.rtol == 0 and request.atol is None:
             return "rtol = 0 leaves no tolerance; give atol too"
         if request.dense_output and not self.interpolates:
-            return f"{self.name} has no dense output: what it interpolates is not what its steps became; give t_eval"
+            return f"{self.name} has no dense output: its interpolant ignores the projection of steps; give t_eval"
         structure = _structure(problem)
         return None if structure is None else forms.refusal(self.form, structure)
 
@@ -101,16 +101,16 @@ class Adapter:
         self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
 
     def evaluates(self, problem: Problem) -> tuple[str, Problem]:
-        """What one of its residual evaluations is, and of which problem: the underlying ODE needs accelerations."""
+        """Kind of one residual evaluation ("acceleration" for form ode, else "residual"), and the problem it is of."""
         return "acceleration" if self.form == "ode" else "residual", problem
 
     def drive(self, run: Run) -> None:
-        """Step the library from ``run.t`` to ``run.t1``, giving every step to ``run.accept``."""
+        """Step the library from ``run.t`` to ``run.t1``, passing every step to ``run.accept``."""
         raise NotImplementedError
 
 
 def _structure(problem: Problem) -> Structure | None:
-    """The structure as far as it is known without evaluating anything; None where a declaration is faulty."""
+    """The structure as far as known without evaluating anything; None if a declaration is faulty."""
     system = problem.system
     if issubclass(type(system), System):  # of an object equinox would be asked for its class
         try:

@@ -1,7 +1,7 @@
-"""What a user declares about derivatives, compared with what follows from the functions, before it is believed.
+"""Check declared derivatives and sparsity patterns against derivatives of the functions.
 
-A wrong force Jacobian only slows Newton down.  A wrong constraint Jacobian or a wrong sparsity pattern changes the
-motion: they are compared at the start and at two points near it, so that one frozen at the start is found too.
+A wrong force Jacobian only slows Newton down.  A wrong constraint Jacobian or sparsity pattern changes the motion:
+these are compared at the start and at two points near it, so that one frozen at the start is found too.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from hhtbench.protocol.system import PATTERNS, checked_patterns, declared, full_
 
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED
-MISSED = 1e-4  # relative difference along a direction from which an entry is missing in a pattern
+MISSED = 1e-4  # relative difference of directional derivatives from which a pattern lacks an entry
 _compared = Cache(64)  # of JAX systems, whose functions do not change
 
 
 def value_of(dynamics: Dynamics, name: str, *arguments: Any) -> Any:
-    """What the function ``name`` of ``dynamics`` returns."""
+    """Value of the function ``name`` of ``dynamics``."""
     return getattr(dynamics, name)(*arguments)
 
 
 def wrong_derivatives(dynamics: Dynamics, names: tuple[str, ...], t: float, q: Vector, v: Vector) -> list[str]:
-    """Those of ``names``, declared derivatives that enter the equations, that disagree with the derived ones."""
+    """Names of declared derivatives in ``names`` that disagree with the derived ones."""
     derived = derive(dynamics.system, t, q, v, ignored=names)
     points = list(_points(t, q, v, derived.least))
     return [name for name in names if not all(_agrees(name, dynamics, derived, *at) for at in points)]
 
 
 def _points(t: float, q: Vector, v: Vector, least: float) -> Iterator[tuple[float, Vector, Vector, bool]]:
-    """The start and two points near it; true where the system must be defined.  No velocity entry is at rest."""
+    """Yield (t, q, v, defined): the start and two points near it; ``defined``: the system must be finite there."""
     index = np.arange(1.0, q.size + 1)
     moving = v + max(least, float(np.max(np.abs(v)))) * np.cos(index)
     yield t, q, moving, True
@@ -66,14 +66,14 @@ def _agrees(name: str, dynamics: Dynamics, derived: Any, t: float, q: Vector, v:
 
 
 def part_of(dynamics: Dynamics, name: str, i: int, *arguments: Any) -> Any:
-    """Matrix ``i`` of what the function ``name`` returns, or its only array, as one vector; None has no entries."""
+    """Component ``i`` of the result of function ``name`` as a flat vector; empty for None."""
     value = as_declared(dynamics, name)(*arguments)
     part = value[i] if isinstance(value, tuple) else value
     return dynamics.xp.zeros(0) if part is None else part.ravel()
 
 
 def _equal(given: Vector, wanted: Vector) -> bool:
-    """Whether two derivatives are equal where both are finite; one that is not is found and named where it is used."""
+    """True if two derivatives agree where both are finite; others are reported where they are used."""
     both = np.isfinite(given) & np.isfinite(wanted)
     given, size = given[both], np.abs(wanted[both])
     allowed = TRUSTED * (size + max(1.0, float(np.max(size, initial=0.0))))
@@ -81,13 +81,13 @@ def _equal(given: Vector, wanted: Vector) -> bool:
 
 
 def check_sparsity(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> None:
-    """Raise unless every declared pattern holds the derivative it is for, seen along one direction from three points.
+    """Raise unless each declared pattern holds its derivative, compared along one direction at three points.
 
     Raises
     ------
     TypeError, ProblemError
-        They are no mapping; a pattern is not known by its name, has the wrong shape or lacks an entry: the text names
-        pattern and rows.
+        They are no mapping; a pattern has an unknown name, the wrong shape or lacks an entry: the message names pattern
+        and rows.
     """
     if not checked_patterns(declared(dynamics.system, "sparsity")):
         return
@@ -128,9 +128,9 @@ def _compare_patterns(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> Non
 
 
 def _patterned(dynamics: Dynamics, t: float, q: Vector, v: Vector) -> dict[str, tuple[Callable[[Vector], Any], Vector]]:
-    """For each pattern's name a function of one vector, and the point of its derivative.
+    """For each pattern's name the function of one vector that it describes, and the point of its derivative.
 
-    Multipliers and what a mass is multiplied by are arbitrary.
+    Multipliers, and vectors multiplied by the mass, are arbitrary.
     """
     s, numbers = dynamics.structure, np.arange(1.0, q.size + 1)
     x, lam = np.sin(numbers), np.cos(np.arange(1.0, s.m + 1))

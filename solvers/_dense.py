@@ -1,4 +1,4 @@
-"""What a run keeps of its steps: rows, a library's own interpolant, and what puts states onto the constraints."""
+"""Rows and dense output that a run keeps of its steps, and their projection onto the constraints."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from solvers.forms.form import Form
 if TYPE_CHECKING:
     from solvers._projection import ProjectionFailure
 
-#: times, q and v (k, n) to be moved, sizes (2n,) -> a warning, or an empty text
+#: (times (k,), q and v (k, n) to be projected in place, sizes (2n,)) -> a warning, or an empty text
 Put = Callable[[Vector, Matrix, Matrix, Vector], "ProjectionFailure | str"]
 
 
@@ -28,7 +28,7 @@ INTEGRALS = ("Lam", "Mu")  # unknowns whose rates are the multipliers
 
 @dataclass
 class Kept:
-    """Rows that a run keeps on its way."""
+    """Output rows collected during a run."""
 
     form: Form
     times: list[float] = field(default_factory=list)  #: [s]
@@ -36,7 +36,7 @@ class Kept:
     rates: list[Vector] = field(default_factory=list)  #: (m + p,) of the multipliers' integrals, where the library gives y'
 
     def keep(self, time: float, y: Any, rate: Callable[[], Any] | None) -> None:
-        """One more row; ``rate`` gives y' there."""
+        """Append a row; ``rate`` gives y' there."""
         self.times.append(time)
         self.states.append(np.array(y, dtype=np.float64))
         integrals = [self.form.blocks[name] for name in INTEGRALS if name in self.form.blocks]
@@ -45,12 +45,12 @@ class Kept:
             self.rates.append(np.concatenate([yp[block] for block in integrals]))
 
     def drop_last(self) -> None:
-        """Forget the last row."""
+        """Remove the last row."""
         del self.times[-1], self.states[-1], self.rates[-1:]
 
     @property
     def motion(self) -> tuple[Vector, Matrix, Matrix]:
-        """t (k,), q and v (k, n), arrays of their own."""
+        """Copies of t (k,), q and v (k, n)."""
         q, v = (part.copy() for part in self.form.state(self._y))
         return np.array(self.times), q, v
 
@@ -59,7 +59,7 @@ class Kept:
         return np.array(self.states).reshape(-1, self.form.size)
 
     def multipliers(self, m: int) -> list[Matrix] | None:
-        """The ``m`` lam and the mu (k, ...) that the solver itself holds; None where it has none."""
+        """The solver's own ``m`` lam and mu, (k, ...) each; None if its form has none."""
         if self.rates and len(self.rates) == len(self.times):
             return [part.copy() for part in np.split(np.array(self.rates), [m], axis=1)]
         blocks = self.form.blocks
@@ -68,31 +68,31 @@ class Kept:
         return [self._y[:, blocks.get(name, slice(0, 0))] for name in ("lam", "mu")]
 
     def carried(self, dynamics: Dynamics) -> Mapping[str, Matrix] | None:
-        """The same by name, with zeros for redundant rows, which the solver leaves out."""
+        """The solver's own multipliers by name, with zeros for redundant rows that it left out."""
         held = self.multipliers(dynamics.structure.m)
         return None if held is None else dict(zip(("lam", "mu"), padded(dynamics, *held), strict=True))
 
 
 class OnConstraints:
-    """``Solution.projection`` of a solve: states of its dense output moved onto both levels of the constraints.
+    """``Solution.projection`` of a solve: projects states of dense output onto both levels of the constraints.
 
-    It is not pickled with a Solution: it refers to the system's functions.
+    Not pickled with a Solution, since it refers to the system's functions.
 
     Parameters
     ----------
     put
-        Moves states.
+        Projects states.
     steps
-        The dense output: its states at times, and ``t``, ``q``, ``v`` at the ends of its steps.
+        The dense output, with ``t``, ``q``, ``v`` at the ends of its steps.
     held
-        Whether the ends of steps are on the constraints as they are: they keep their bits.
+        True if the ends of steps are on the constraints already, so that they stay unchanged.
     """
 
     def __init__(self, dynamics: Dynamics, put: Put, steps: Any, *, held: bool) -> None:
         self._dynamics, self._put, self._steps, self._held = dynamics, put, steps, held
 
     def __call__(self, t: Any, found: DenseOutput) -> DenseOutput:
-        """``found`` at ``t``, scalar or (k,), on the constraints; warns where no better state is known."""
+        """Project the states ``found`` at ``t``, scalar or (k,); warns where a projection fails."""
         if not self._dynamics.structure.constrained:
             return found
         times, steps = np.ravel(np.asarray(t, dtype=np.float64)), self._steps
@@ -115,20 +115,20 @@ class OnConstraints:
 
 
 Piece = Callable[[float], Vector]  # time within one step, of the library's clock [s] -> y (size,)
-SAMPLES = 13  # of one step: the polynomials of all libraries are of degree 12 at most, that of Adams' method
-NODES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES)  # of Chebyshev, on [0, 1]
+SAMPLES = 13  # per step: polynomials of all libraries are of degree 12 at most (Adams' method)
+NODES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(SAMPLES) + 0.5) / SAMPLES)  # Chebyshev nodes on [0, 1]
 
 
 class Pieces:
-    """Dense output over the accepted steps of a library by its own interpolants; the ends of steps are as it gave them."""
+    """Dense output from a library's own interpolants, one per accepted step; exact at the ends of steps."""
 
     def __init__(self, first: Vector, blocks: tuple[slice, slice], t0: float) -> None:
-        """``first``: y at the start; ``blocks``: of q and v in it; ``t0``: the problem's time [s] at the clock's 0."""
+        """Start with y ``first``; ``blocks``: slices of q and v in y; ``t0``: the problem's time [s] at clock 0."""
         self._blocks, self._t0, self._pieces = blocks, t0, list[Piece]()
         self._clock, self._ends, self._times = [0.0], [first], [t0]
 
     def append(self, clock: float, time: float, y: Vector, piece: Piece) -> None:
-        """One step that has ended at ``time`` [s] and y."""
+        """Add the step that ended at ``time`` [s] and y with its interpolant ``piece``."""
         self._clock.append(clock)
         self._times.append(time)
         self._ends.append(y)
@@ -141,16 +141,16 @@ class Pieces:
 
     @property
     def q(self) -> Matrix:
-        """There, (k, n)."""
+        """q at the ends of the steps, (k, n)."""
         return np.array(self._ends)[:, self._blocks[0]]
 
     @property
     def v(self) -> Matrix:
-        """There, (k, n)."""
+        """v at the ends of the steps, (k, n)."""
         return np.array(self._ends)[:, self._blocks[1]]
 
     def __call__(self, t: Any) -> DenseOutput:
-        """q and v at ``t``: scalar -> (n,), (j,) -> (j, n).  Times outside the steps are refused."""
+        """q and v at ``t``: scalar -> (n,), (j,) -> (j, n).  Raises ProblemError outside the steps."""
         times, ends = np.ravel(np.asarray(t, dtype=np.float64)), self.t
         low, high = min(ends[0], ends[-1]), max(ends[0], ends[-1])
         if not np.all((times >= low) & (times <= high)):
@@ -162,7 +162,7 @@ class Pieces:
         return DenseOutput(*(x.reshape(*np.shape(t), x.shape[1]) for x in (q, v)))
 
     def _at(self, time: float, i: int) -> Vector:
-        """y at ``time`` [s], up to the end of step ``i``."""
+        """y at ``time`` [s] within step ``i``."""
         if time == self._times[i]:
             return self._ends[i]
         low, high = sorted(self._clock[i - 1 : i + 1])
@@ -170,14 +170,14 @@ class Pieces:
 
 
 class Polynomial:
-    """The polynomial through values at some times, of one degree less."""
+    """Interpolating polynomial through values at some times (barycentric formula)."""
 
     def __init__(self, times: Vector, values: Matrix) -> None:
         self._times, self._values = times, values
         self._weights = barycentric((times - times[0]) / (times[-1] - times[0]))
 
     def __call__(self, time: float) -> Vector:
-        """Its value (size,) at ``time`` [s]."""
+        """Value (size,) at ``time`` [s]."""
         off = time - self._times
         if not off.all():
             return np.asarray(self._values[np.argmin(np.abs(off))])
@@ -186,5 +186,5 @@ class Polynomial:
 
 
 def barycentric(x: Vector) -> Vector:
-    """Weights of Lagrange's polynomials through ``x``."""
+    """Barycentric weights of Lagrange interpolation at the nodes ``x``."""
     return np.asarray(1 / np.prod(x[:, None] - x[None, :] + np.eye(x.size), axis=1))

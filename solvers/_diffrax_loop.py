@@ -1,7 +1,7 @@
-"""diffrax's steps in one compiled loop: its solvers and step size controller, stepped as its manual describes.
+"""diffrax's steps in one compiled loop: its solvers and step-size controller, stepped by hand as its manual describes.
 
-Tolerances, times and parameters are arguments of the compiled code, so that all of them share it.  ``diffeqsolve`` is not
-used: it cannot go on exactly where an earlier call has stopped.
+Tolerances, times and parameters are arguments of the compiled code, so that it is shared.  ``diffeqsolve`` is not
+used: it cannot continue exactly where an earlier call stopped.
 """
 
 from __future__ import annotations
@@ -19,32 +19,32 @@ from solvers.forms import rhs_function
 
 SEGMENT = 64  # attempted steps per compiled call: long against its 50 us, short against a time budget
 AT_START = 3  # evaluations for the length of the first step and for its first stage
-CLIP = 2e-14  # relative: a step that ends this close to the end goes to the end, as diffrax has it
+CLIP = 2e-14  # relative: a step that ends this close to the end is extended to it, as in diffrax
 
 
 def evaluations_per_step(name: str) -> int | None:
-    """Evaluations of one attempted step of an explicit method, whose last stage is the next step's first; else None."""
+    """Evaluations per attempted step of an explicit method (first same as last); None for an implicit one."""
     tableau: Any = getattr(diffrax, name).tableau
     return tableau.num_stages - 1 if tableau.a_diagonal is None else None
 
 
 @jax.custom_jvp
 def rhs_outside(ticket: Any, t: Any, y: Any) -> Any:
-    """y' by the functions of Python that belong to ``ticket``: y' where a vector is asked for, dy'/dy where a matrix is."""
+    """y' by the Python functions of ``ticket``, called from compiled code."""
     return called(ticket, y.shape, t, y)
 
 
 @rhs_outside.defjvp
 def _along(primals: Any, tangents: Any) -> Any:
-    """No method here differentiates by t."""
+    """Tangent of :func:`rhs_outside` by y; no method here differentiates by t."""
     ticket, t, y = primals
     return rhs_outside(ticket, t, y), called(ticket, (y.size, y.size), t, y) @ tangents[2]
 
 
 def _method(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any) -> tuple[Any, Any, Any]:
-    """Terms, solver and step size controller; time runs forward in s = direction * (t - t0).
+    """diffrax's terms, solver and step-size controller; time runs forward in s = direction * (t - t0).
 
-    ``outside``: whether y' is computed by functions of Python, which count, and not in this code.
+    ``outside``: y' is computed by Python functions, which are counted, and not in this code.
     """
     direction, ticket, t0, rtol = fixed[0], fixed[1], fixed[2], fixed[4]
 
@@ -62,7 +62,7 @@ def _method(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: A
 
 
 def _first(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, y: Any) -> dict[str, Any]:
-    """The state of the loop before the first step."""
+    """State of the loop before the first step, as a dictionary."""
     terms, solver, controller = _method(dynamics, name, outside, fixed, weights)
     s, end = jnp.zeros_like(fixed[2]), fixed[3]
     following, control = controller.init(terms, s, end, y, None, None, solver.func, solver.error_order(terms))
@@ -72,12 +72,12 @@ def _first(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: An
 
 
 def start_steps(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, y: Any) -> Any:
-    """The state of the loop before the first step, as one vector; ``fixed``: direction, ticket, t0, end, rtol."""
+    """State of the loop before the first step, packed as one vector; ``fixed``: direction, ticket, t0, end, rtol."""
     return ravel_pytree(_first(dynamics, name, outside, fixed, weights, y))[0]
 
 
 def take_steps(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, packed: Any, most: Any) -> Any:
-    """Attempt SEGMENT steps or until ``most`` are accepted: the state, three numbers and a row per step, as one vector.
+    """Attempt SEGMENT steps or until ``most`` are accepted; the state, three numbers and a row per step, as one vector.
 
     The numbers: steps accepted, steps attempted, and the end of the first attempt since the last step whose error was not
     finite.  A row holds a step: its start and end, then y at its end and at its start.
@@ -95,7 +95,7 @@ def take_steps(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights
         state, accepted, attempted, bad, rows = loop
         y, error, _, memory, _ = solver.step(terms, state["s"], state["next"], state["y"], None, state["memory"], False)
         lost = ~jnp.all(jnp.isfinite(error)) | ~jnp.all(jnp.isfinite(y))
-        error = jnp.where(lost, jnp.inf, error)  # what diffrax does itself: such a step is rejected
+        error = jnp.where(lost, jnp.inf, error)  # rejects such a step, as diffrax does
         s, following, control = state["s"], state["next"], state["control"]
         keep, reached, proposed, _, control, _ = controller.adapt_step_size(
             s, following, state["y"], y, None, error, solver.error_order(terms), control
@@ -116,7 +116,7 @@ def take_steps(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights
 
 
 def inside(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, row: Any, times: Any) -> Any:
-    """y (k, size) at ``times`` (k,) within the step that ``row`` holds, which is made again, by the method's interpolant."""
+    """y (k, size) at ``times`` (k,) within the step in ``row``, by repeating it and the method's interpolant."""
     terms, solver, _ = _method(dynamics, name, outside, fixed, weights)
     begin, end, y = row[0], row[1], row[2 + weights.size :]
     _, _, known, _, _ = solver.step(terms, begin, end, y, None, solver.init(terms, begin, end, y, None), False)
@@ -124,7 +124,7 @@ def inside(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: An
 
 
 def step_to(dynamics: Dynamics, name: str, outside: bool, fixed: Any, weights: Any, row: Any, s: Any) -> Any:
-    """y at ``s`` within the step that ``row`` holds: by a shorter step from the same start, as accurate as the step.
+    """y at ``s`` within the step in ``row``, by a shorter step from its start: as accurate as the step.
 
     The interpolants of these methods are less accurate than their steps, up to forty times at rtol 1e-9.
     """

@@ -1,4 +1,4 @@
-"""The Solution of every solver: rows with multipliers from the acceleration level, or the rows before an exception."""
+"""Build the Solution of every solver: recover multipliers of the rows, or keep the rows before an exception."""
 
 from __future__ import annotations
 
@@ -27,37 +27,37 @@ from solvers._start import Failure, Solving, of_dynamics, points_of
 
 EPS = float(np.finfo(np.float64).eps)
 BLOCK = 256  # rows of the first call of machine code
-AGAIN = 20  # rows, one after the other, that are looked at again where many at once have missed them
-MARGIN = 1e3  # times what the rows that are held are off, or roundoff: so much the rows that are left out may be
-DATA = 10.0  # times what the start is off: lengths may be given with few digits
-LOOKED_AT = 40  # ends of steps, beside the rows, at which rows that are left out are looked at
+MAX_MISSED = 20  # consecutive rows without multipliers after which single rows are not retried
+MARGIN = 1e3  # redundant rows may be violated by so many times the violation of the others, or roundoff
+START_MARGIN = 10.0  # and by so many times their violation at the start: lengths may be given with few digits
+CHECKED_STEPS = 40  # ends of steps, in addition to the rows, at which redundant constraints are checked
 ADVICE = (
     "it is only nearly dependent, the rank is another one there, or a step has led to another branch of the rows that are "
     "held. Leave those rows out of the system where they always follow from the others; else start where the rank is that "
     "of the motion."
 )
 Rows = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
-RecoverMany = Callable[[], Any]  # puts the multipliers of easy rows in their place and returns which (k,)
+RecoverMany = Callable[[], Any]  # fills in the multipliers of easy rows and returns a mask (k,) of these
 
 
 class OwnMultipliers(NamedTuple):
-    """A solver's own multipliers of its rows, which pick the root and stand where none are recovered; NaN: none."""
+    """A solver's own multipliers: they pick the root, and stand where none can be recovered; NaN if it has none."""
 
     lam: Matrix  #: (k, m)
     mu: Matrix  #: (k, p)
-    first: tuple[Vector, Vector]  #: what picks the root in the rows before the first that has its own
-    every: str  #: what they are, in words
-    rest: str  #: the same of those after a row
-    some: str  #: and of some
+    first: tuple[Vector, Vector]  #: lam (m,) and mu (p,) that pick the root up to the first row with its own
+    every: str  #: text on what they are
+    rest: str  #: text where they stand in all later rows
+    some: str  #: text where they stand in some rows
 
 
 class Recovered(NamedTuple):
-    """Multipliers (k, m) and (k, p) of the acceleration level; fewer rows where it is not finite.  ``note`` says so."""
+    """Multipliers (k, m) and (k, p) of the acceleration level, cut where it is not finite; ``note`` says why."""
 
     lam: Matrix
     mu: Matrix
     note: str = ""
-    instead: Status | None = None  #: of a success, where rows are missing or not recovered
+    instead: Status | None = None  #: status that replaces success where rows are missing or not recovered
 
 
 def solution_of(
@@ -71,10 +71,11 @@ def solution_of(
     carried: Mapping[str, Matrix] | None = None,
     **more: Any,
 ) -> Solution:
-    """The Solution with ``rows``, as far as the acceleration level is finite there, and what the solver has ``carried``.
+    """The Solution with ``rows``, cut before the first where the acceleration level is not finite.
 
-    ``recover_many`` is the solver's own code for multipliers of rows.  ``note`` ends the message; ``more`` are other fields,
-    and ``_read(name)`` gives those that are made when read.  It has none of them where a redundant constraint costs rows.
+    ``carried``: the solver's own multipliers.  ``recover_many``: its own code to recover multipliers.  ``note`` is appended
+    to the message; ``more`` are further fields, of which ``_read(name)`` gives those computed when read.  None of them are
+    kept where a redundant constraint costs rows.
     """
     with run.work.for_output():
         found = whole = recover_multipliers(run, rows, own, recover_many)
@@ -95,12 +96,12 @@ def solution_of(
 
 
 def sentences(message: str, note: str) -> str:
-    """``message``, and ``note`` if there is one as another sentence behind it."""
+    """``message`` followed by ``note`` as another sentence, if there is one."""
     return f"{message.removesuffix('.')}. {note}" if message and note else message or note
 
 
 def _noted(end: Failure, found: Recovered) -> Failure:
-    """How a run has ended, after its rows were checked."""
+    """``end`` with the status and note of the recovered multipliers."""
     replaced = (Status.success, Status.event) if found.instead is Status.redundant_constraints else (Status.success,)
     if found.instead is not None and end.status in replaced:
         return Failure(found.instead, found.note)
@@ -108,9 +109,9 @@ def _noted(end: Failure, found: Recovered) -> Failure:
 
 
 def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_many: RecoverMany | None) -> Recovered:
-    """The multipliers of ``rows`` by (H16), looked for near the solver's ``own`` or those of the row before.
+    """Multipliers of ``rows`` by (H16), iterated from the solver's ``own`` or those of the row before.
 
-    Where the level is singular, or the time budget has ended, the solver's own stay, with a note; rows end before a time
+    Where the level is singular or the time budget has ended, the solver's own stay, with a note; rows are cut before a time
     where it is not finite.
     """
     if not run.dynamics.structure.constrained:
@@ -130,7 +131,7 @@ def recover_multipliers(run: Solving, rows: Rows, own: OwnMultipliers, recover_m
 
 
 def _by_machine_code(run: Solving, rows: Rows, own: OwnMultipliers) -> Any:
-    """Which rows (k,) have multipliers in ``own``: by code of full matrices or, where many rows pay for it, of entries."""
+    """Recover multipliers in ``own`` by machine code, of full matrices or (many rows) of entries; mask (k,) of rows done."""
     (times, q, v), lam, mu, dynamics = rows, own.lam, own.mu, run.dynamics
     done = np.zeros(times.size, dtype=bool)
     if route_of(dynamics) == "numpy":
@@ -153,7 +154,7 @@ def _by_machine_code(run: Solving, rows: Rows, own: OwnMultipliers) -> Any:
 
 
 def _by_entries(dynamics: Dynamics) -> Callable[..., Any] | None:
-    """The same by the entries of a large KKT matrix, where there is machine code for them."""
+    """Machine code that recovers multipliers by the entries of a large KKT matrix; None if there is none."""
     from solvers.kernel.compiled import shipped
     from solvers.kernel.kkt import kkt_of
 
@@ -162,9 +163,9 @@ def _by_entries(dynamics: Dynamics) -> Callable[..., Any] | None:
 
 
 def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any) -> Recovered:
-    """The multipliers of those ``rows`` that are not ``done``, which it notes where it finds them.
+    """Recover the multipliers of ``rows`` not yet ``done``, one by one; marks those found in ``done``.
 
-    Until ``AGAIN`` in a row are missed: the same iteration, from the same guesses, may have missed them together already.
+    Stops after ``MAX_MISSED`` consecutive failures, as the same iteration has failed for these rows before.
     """
     (times, q, v), lam, mu, guess = rows, own.lam, own.mu, own.first
     if np.count_nonzero(done) == done.size:
@@ -172,7 +173,7 @@ def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any) -> Rec
     none: tuple[Any, Any] = np.isnan(lam).any(axis=1), np.isnan(mu).any(axis=1)
     missed = 0
     for i in np.flatnonzero(~done).tolist():
-        if missed == AGAIN:
+        if missed == MAX_MISSED:
             break
         guess = guess[0] if none[0][i] else lam[i].copy(), guess[1] if none[1][i] else mu[i].copy()
         try:
@@ -192,7 +193,7 @@ def _one_by_one(run: Solving, rows: Rows, own: OwnMultipliers, done: Any) -> Rec
 
 
 def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[Vector, Vector]) -> Acceleration:
-    """The acceleration level at one output time; a value that is not finite is tried once more."""
+    """Solve the acceleration level at one output time; retried once after a value that is not finite."""
     for last in (False, True):
         try:
             found = of_dynamics(run.dynamics).acceleration.solve(t, q, v, *guess)
@@ -208,11 +209,11 @@ def _acceleration_at(run: Solving, t: float, q: Vector, v: Vector, guess: tuple[
 
 
 def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) -> Recovered:
-    """Multipliers of all constraints as far as some were ``found``, of least norm where redundant ones are left out.
+    """Multipliers of all constraints, of least norm where redundant rows were left out, from those ``found`` without them.
 
-    Where the time budget ends before, zeros stand for the redundant ones in the rest.  Rows end before a time, one of theirs
-    or of some ``steps``, where a constraint that was left out is violated: a step has led to another branch of the others,
-    or the rank is another one.  The note tells how well those constraints are held.
+    Where the time budget ends, the rest has zeros for redundant rows.  Rows are cut before a time (of a row or some
+    ``steps``) where a constraint that was left out is violated: a step has led to another branch, or the rank has changed.
+    The note says how well those constraints are satisfied.
     """
     whole, (lam, mu) = unreduced(run.dynamics), padded(run.dynamics, found.lam, found.mu)
     levels, m, redundant = of_dynamics(whole).levels, whole.structure.m, redundant_rows(run.dynamics)
@@ -232,7 +233,7 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) 
             note = f"At t = {exact(t)} {lost}, left out as redundant at the start: {ADVICE}"
             return Recovered(lam[:done], mu[:done], note, Status.redundant_constraints)
         worst = max(worst, float(off[list(redundant)].max()))
-        data = min(data, DATA * worst)  # of the first place: later ones are off by more
+        data = min(data, START_MARGIN * worst)  # of the first place: later ones are off by more
         if i < count:
             from hhtbench.lowering.dynamics.rank import minimum_norm  # few constraints are redundant
 
@@ -243,29 +244,29 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) 
 
 
 def _with_steps(rows: Rows, steps: Any) -> tuple[Rows, Any]:
-    """``rows`` and after them ends of some ``steps`` up to the last of them; and their order in time."""
+    """``rows`` followed by the ends of some ``steps`` up to their last, and the order in time of all."""
     t = rows[0]
     if steps is None or not t.size:
         return rows, np.arange(t.size)
     ends = steps.t
     ahead = np.sign(ends[-1] - ends[0])
-    some = np.unique(np.linspace(0, ends.size - 1, LOOKED_AT).astype(int))
+    some = np.unique(np.linspace(0, ends.size - 1, CHECKED_STEPS).astype(int))
     some = some[ahead * (ends[some] - t[-1]) < 0.0]
     both = [np.concatenate([x, y[some]]) for x, y in zip(rows, (ends, steps.q, steps.v), strict=True)]
     return (both[0], both[1], both[2]), np.argsort(ahead * both[0], kind="stable")
 
 
 def _off_level(at: Levels, sizes: tuple[float, float]) -> Vector:
-    """(m + p,) by how much of its size each constraint is off its levels; ``sizes`` of q and v."""
+    """(m + p,) violation of each constraint relative to its size, the larger of both levels; ``sizes`` of q and v."""
     position, off = at.scaled_position(sizes[0]), at.scaled_velocity(sizes[1]).copy()
     off[: position.size] = np.maximum(position, off[: position.size])
     return off
 
 
 def _lost(off: Vector, redundant: tuple[int, ...], m: int, data: float) -> str:
-    """Which of the ``redundant`` rows, ``off`` (m + p,) by parts of their size, is violated, as a sentence.
+    """Text naming the ``redundant`` row that is violated, "" if none; ``off`` (m + p,) are relative violations.
 
-    ``data``: by how much they may be, as they are given with so many digits.
+    ``data``: violation explained by the digits with which lengths are given.
     """
     out = np.isin(np.arange(off.size), redundant)
     worst = int(np.argmax(np.where(out, off, -1.0)))
@@ -276,7 +277,7 @@ def _lost(off: Vector, redundant: tuple[int, ...], m: int, data: float) -> str:
 
 
 def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solution]) -> Solution:
-    """``solve()``; what is raised in it carries ``.partial_solution``, what is ``left_over``."""
+    """Call ``solve()``; an exception raised in it gets the attribute ``.partial_solution``, made by ``left_over``."""
     try:
         return solve()
     except BaseException as error:
@@ -287,7 +288,7 @@ def solved(solve: Callable[[], Solution], left_over: Callable[[Failure], Solutio
 
 
 def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **more: Any) -> Solution:
-    """The Solution with a solver's ``own`` multipliers: after an exception no function of the system is called.
+    """The Solution after an exception, with the solver's ``own`` multipliers, as no function of the system may be called.
 
     ``more`` as in :func:`solution_of`.
     """
@@ -297,7 +298,7 @@ def unrecovered(run: Solving, end: Failure, rows: Rows, own: OwnMultipliers, **m
 
 
 def empty_solution(n: int, end: Failure, counters: Counters) -> Solution:
-    """A Solution without rows: nothing was integrated."""
+    """A Solution without rows, for a run that did not start."""
     none, rows = np.zeros((0, 0)), np.zeros((0, n))
     status, message = end.status, end.message
     return Solution(t=np.zeros(0), q=rows, v=rows, lam=none, mu=none, status=status, message=message, counters=counters)

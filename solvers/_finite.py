@@ -1,4 +1,4 @@
-"""Values that are not finite: which function of a system gave them."""
+"""Find the function of a system that returned a value that is not finite."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hhtbench.protocol.errors import NonFiniteValue
 
 
 def as_arguments(dynamics: Dynamics, *values: Any) -> list[Any]:
-    """``values`` as the functions of ``dynamics`` take them when they are called outside compiled code."""
+    """Convert ``values`` to arrays of the namespace of ``dynamics``, for calls outside compiled code."""
     return list(values) if dynamics.xp is np else [dynamics.xp.asarray(value, dtype=float) for value in values]
 
 
@@ -32,20 +32,20 @@ def inverse_mass_at(dynamics: Dynamics, t: Any, q: Any) -> Any:
 
 
 def expect_finite(function: str, value: Any, t: float) -> None:
-    """Raise :class:`NonFiniteValue` with the first component of ``value`` that is not finite."""
+    """Raise :class:`NonFiniteValue` for the first component of ``value`` that is not finite."""
     array = np.asarray(value.data if isinstance(value, csr_array) else value)
     if not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise NonFiniteValue(function, where, float(array[where]), t)
 
 
-SQUARED = math.sqrt(float(np.finfo(np.float64).max))  # the square of more is not finite
+MAX_SQUARED = math.sqrt(float(np.finfo(np.float64).max))  # the square of more overflows
 
 
 def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step's residual") -> None:
-    """Find the function of the dynamics ``d`` that is not finite at (t, q, v) and raise :class:`NonFiniteValue` naming it.
+    """Raise :class:`NonFiniteValue` naming the function of ``d`` that is not finite at (t, q, v).
 
-    Runs only after a failure; where every function is finite one by one, it raises for ``otherwise``.
+    Called only after a failure; if each function by itself is finite, the error names ``otherwise``.
     """
     products = large(d)
     d, full = (d, True) if products is None else (products, False)
@@ -76,5 +76,5 @@ def explain_nonfinite(d: Any, t: Any, q: Any, v: Any, otherwise: str = "the step
         expect_finite(name, function(), float(t))
     force = np.asarray(d.force(t, q, v))
     most = int(np.abs(force).argmax())
-    note = f", where products with force[{most}] = {force[most]:.3g} overflow" if abs(force[most]) > SQUARED else ""
+    note = f", where products with force[{most}] = {force[most]:.3g} overflow" if abs(force[most]) > MAX_SQUARED else ""
     raise NonFiniteValue(otherwise, (), float("nan"), float(t), note)

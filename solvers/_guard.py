@@ -1,4 +1,4 @@
-"""The equations as callbacks that a foreign library cannot harm, the work they count and what went wrong in them."""
+"""Guarded callbacks for foreign libraries: count work, copy arrays, keep exceptions and values that are not finite."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ OF_LIBRARY = ("steps_rejected_error", "steps_rejected_newton", "newton_iteration
 
 @dataclass
 class LibraryWork(Work):
-    """The tally of one solve by a library."""
+    """Work counters of one solve by a library."""
 
-    library: dict[str, int] = field(default_factory=dict)  #: Counters that only the library knows
-    unseen: list[str] = field(default_factory=list)  #: Counters of work inside compiled code
+    library: dict[str, int] = field(default_factory=dict)  #: counts reported by the library itself
+    unseen: list[str] = field(default_factory=list)  #: names of counts unknown, as compiled code does the work
 
     def counters(self) -> Counters:
-        """The work done so far; what nobody reports is None."""
+        """The work so far; None for counts that nobody reports."""
         jacobians = self.output["jacobian_evaluations"]
         values: dict[str, Any] = dict.fromkeys(OF_LIBRARY) | self.counted_for_steps() | self.library
         values |= dict.fromkeys(self.unseen)
@@ -34,7 +34,7 @@ class LibraryWork(Work):
 
 
 class Halt(Stop):
-    """The integration ends here; never seen by the caller of ``solve``."""
+    """Ends the integration with a status; the caller of ``solve`` never sees it."""
 
     def __init__(self, status: Status, message: str) -> None:
         self.status = status
@@ -42,18 +42,18 @@ class Halt(Stop):
 
 
 class Guard:
-    """Wraps callbacks of one solve.
+    """Wraps the callbacks of one solve.
 
-    An exception of a callback is kept, so that it is raised again as it is after the library has returned.  Values that are
-    not finite go to the library as they are, since most shrink their step then; the function that gave them is named if the
+    An exception in a callback is kept, and raised again unchanged after the library has returned.  Values that are not
+    finite are passed to the library, since most shrink their step then; the function that returned them is named if the
     library fails.
     """
 
     def __init__(self, work: Work, t_span: tuple[float, float]) -> None:
         self.work, self.t_span = work, t_span
-        self.cause: BaseException | None = None  #: what a callback has raised
+        self.cause: BaseException | None = None  #: exception raised in a callback
         self.nonfinite: Any = None  #: first value of this step that is not finite: the error, or (t, y)
-        self._nonfinite_before: Any = None  # the same of the step before: Radau fails one step late
+        self._nonfinite_before: Any = None  # that of the step before, since Radau fails one step late
 
     def time(self, t: float) -> float:
         """The problem's time [s] at ``t`` of the library's clock, which starts at 0."""
@@ -61,7 +61,7 @@ class Guard:
         return t1 if t == t1 - t0 else t0 + t
 
     def wrap(self, function: Callable[..., Any], shape: tuple[int, ...], **points: int) -> Callable[..., Any]:
-        """``function`` of the library's time, counted, on private copies: libraries reuse and free what they pass."""
+        """Wrap ``function``: library's time converted, calls counted, arrays copied, as libraries reuse and free theirs."""
         counted = self.work.counted(function, **points)
 
         def call(t: float, y: Any, *more: Any) -> Any:
@@ -83,7 +83,7 @@ class Guard:
         return call
 
     def step_taken(self) -> None:
-        """A step was accepted: what was not finite on the way did no harm, unless the next one fails."""
+        """Note an accepted step: earlier values that were not finite matter only if the next step fails."""
         self.nonfinite, self._nonfinite_before = None, self.nonfinite
 
     @property

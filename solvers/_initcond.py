@@ -1,4 +1,4 @@
-"""The start of a run: consistent, or the nearest that is; its accelerations and multipliers, or why there is no motion."""
+"""Checked start of a run: consistent or projected, with accelerations and multipliers, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -33,21 +33,21 @@ from solvers._start import (
 if TYPE_CHECKING:
     from solvers._projection import Projection
 
-NEARLY = 1e-7  # of unit rows: a KKT matrix tells such rows apart by the square of it, which is about roundoff
-AT_REST = 1e-15  # of v0: constraints that leave no more of a velocity leave none
+NEARLY = 1e-7  # relative difference of nearly dependent rows: a KKT matrix sees its square, about roundoff
+AT_REST = 1e-15  # relative to v0: a projected velocity that is smaller is set to zero
 
 
 def begun(
     system: System | NumpySystem, place: Place, guesses: Guesses, work: Work, *, calc_initcond: bool
 ) -> Begun | Failure:
-    """The start at ``place`` with every check.
+    """The start at ``place`` after all checks.
 
     Raises
     ------
     NonFiniteValue
         A function of the system is not finite at the start.
     ProblemError
-        A guess has not one entry per constraint.
+        A guess does not have one entry per constraint.
     """
     dynamics = dynamics_for(system, place)
     start = consistent_start(dynamics, place, guesses, work, calc_initcond=calc_initcond)
@@ -61,14 +61,14 @@ def begun(
 def consistent_start(
     dynamics: Dynamics, place: Place, guesses: Guesses, work: Work, *, calc_initcond: bool
 ) -> tuple[Place, str] | Failure:
-    """Where the motion begins, and what was moved how far: ``place``, or the consistent start nearest to it.
+    """``place``, or with ``calc_initcond`` the consistent start nearest to it and a note on the distance.
 
     Raises
     ------
     NonFiniteValue
         A constraint or its Jacobian holds NaN or infinity.
     ProblemError
-        A guess has not one entry per constraint.
+        A guess does not have one entry per constraint.
     """
     at, note = place, ""
     if calc_initcond and dynamics.structure.constrained:
@@ -80,12 +80,12 @@ def consistent_start(
 
 
 def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] | Failure:
-    """The closest consistent start in the norm of the mass matrix, (H20), and what was moved how far.
+    """The nearest consistent start in the norm of the mass matrix, (H20), and a note on the distance.
 
     Raises
     ------
     NonFiniteValue
-        A constraint or its Jacobian holds NaN or infinity at the start itself; on the way that is a failure to arrive.
+        A constraint or its Jacobian is not finite at the start itself; in later iterations this is a Failure.
     """
     from solvers._projection import Projection  # most starts are consistent
 
@@ -101,13 +101,13 @@ def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] |
 
 
 def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Failure:
-    from solvers._projection import MOST_ITERATIONS, PROJECTED
+    from solvers._projection import MAX_ITERATIONS, PROJECTED
 
     t, levels = place.t, projection.levels
     q = projection.position(t, place.q, place.v)
     at = finite_levels(levels, t, q, place.v)
     if at.position.size and not np.max(at.scaled_position(size_of(q))) <= PROJECTED:
-        message = f"no consistent position was found near q0: after {MOST_ITERATIONS} steps g = {at.position}"
+        message = f"no consistent position was found near q0: after {MAX_ITERATIONS} steps g = {at.position}"
         return Failure(Status.inconsistent_initial, message)
     v = projection.velocity(t, q, projection.velocity(t, q, place.v))  # twice: the first leaves roundoff of v0
     if np.abs(v).max(initial=0.0) <= AT_REST * np.abs(place.v).max(initial=0.0):
@@ -121,14 +121,14 @@ def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Fail
 
 
 def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, guesses: Guesses) -> Failure | None:
-    """Why no motion begins at ``place``; None where one does.  ``levels`` and ``guesses`` are of all rows of [g; k].
+    """Failure if no motion can begin at ``place``, else None; ``levels`` and ``guesses`` include redundant rows of [g; k].
 
     Raises
     ------
     NonFiniteValue
         A constraint or its Jacobian holds NaN or infinity.
     ProblemError
-        A guess has not one entry per constraint.
+        A guess does not have one entry per constraint.
     """
     s = levels.structure
     if s.constrained:
@@ -148,7 +148,7 @@ def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, gues
 
 
 def start_acceleration(dynamics: Dynamics, work: Work, place: Place, guesses: Guesses) -> Acceleration | Failure:
-    """Accelerations and multipliers of the start, or why there are none; a linear reaction uses no guess.
+    """Accelerations and multipliers at the start, or a Failure; the guesses matter for nonlinear reactions only.
 
     Raises
     ------

@@ -1,6 +1,6 @@
-"""The nearest state on both levels of the constraints in the metric of the mass matrix, (H20): one by one, any system.
+"""Projection of states onto both constraint levels in the metric of the mass matrix, (H20), for any system.
 
-For starts, changes by events, and rows and steps that no loop puts there (:mod:`solvers.kernel.projection`).
+Used for starts, changes by events, and rows and steps that :mod:`solvers.kernel.projection` cannot project in its loop.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from hhtbench.protocol.printing import exact
 from solvers._finite import expect_finite
 from solvers._start import finite_levels, of_dynamics
 
-DEPENDENT = 1e-13  # singular values below this of the scaled matrix are roundoff of dependent rows
+DEPENDENT = 1e-13  # relative singular values of the scaled matrix below this come from dependent rows
 PROJECTED = 1e-12  # scaled violation that a projected state must reach
-MOST_ITERATIONS = 50  # quadratic convergence needs 5; from far away it fails in bounded time
-BESIDE = 1e-2  # of the largest coordinate: by less than that no other is measured
-FAR = 0.1  # of the largest coordinate: a row is off the constraints by its error; what lies further away is another place
-VISIBLE, UNMOVED = 1e-8, 1e-10  # violations that are no roundoff; relative changes that are, of g with large constants
-SMALL, STALLED = 1e-15, 1e-12  # increments of such a size change nothing; or nothing if they are no longer halved
+MAX_ITERATIONS = 50  # quadratic convergence needs 5; from far away it fails in bounded time
+MIN_SIZE = 1e-2  # lower bound on a coordinate's size, relative to the largest coordinate
+FAR = 0.1  # displacement relative to the largest coordinate above which a projection is rejected
+VISIBLE, UNMOVED = 1e-8, 1e-10  # violations above are no roundoff; relative changes of q and v below are
+SMALL, STALLED = 1e-15, 1e-12  # relative increments that end the iteration; the same if they are no longer halved
 
 
 class Projection:
-    """Finds it for one system; what it evaluates may raise :class:`~hhtbench.protocol.errors.NonFiniteValue`."""
+    """Projects states of one system; its evaluations may raise :class:`~hhtbench.protocol.errors.NonFiniteValue`."""
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.levels = of_dynamics(dynamics).levels
@@ -41,12 +41,12 @@ class Projection:
         self._mass = compile_function(mass_at, dynamics) if self._products is None else None
 
     def nearest(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
-        """q and then v, (n,) each."""
+        """Nearest q (n,), then nearest v (n,) at that q."""
         q = self.position(t, q, v)
         return q, self.velocity(t, q, v)
 
     def position(self, t: float, q: Vector, v: Vector) -> Vector:
-        """The nearest q (n,) at the position level."""
+        """Nearest q (n,) that satisfies the position constraints."""
 
         def level(x: Vector) -> tuple[Any, Any, Vector]:
             at = finite_levels(self.levels, t, x, v)
@@ -55,7 +55,7 @@ class Projection:
         return _nearest(q, level) if self.levels.structure.m else q
 
     def velocity(self, t: float, q: Vector, v: Vector) -> Vector:
-        """The nearest v (n,) at the velocity level of ``q``."""
+        """Nearest v (n,) that satisfies the velocity level at ``q``."""
 
         def level(x: Vector) -> tuple[Any, Any, Vector]:
             at = finite_levels(self.levels, t, q, x)
@@ -65,7 +65,7 @@ class Projection:
         return _nearest(v, level)
 
     def violated(self, t: float, q: Vector, v: Vector, sizes: Vector) -> float:
-        """The largest constraint of both levels over its row's size, for ``sizes`` (2n,) of q and v; may be infinite."""
+        """Largest relative violation of both constraint levels, for ``sizes`` (2n,) of q and v; may be infinite."""
         at = self.levels.at(t, q, v)
         found = np.concatenate([at.scaled_position(sizes[: q.size]), at.scaled_velocity(sizes[q.size :])])
         return float(np.max(np.where(np.isfinite(found), found, np.inf)))
@@ -82,14 +82,14 @@ class Projection:
 
 @dataclass(frozen=True)
 class ProjectionFailure:
-    """States at which no projection has met the constraints, which stay as they were."""
+    """States that could not be projected and stay as they were."""
 
     times: tuple[float, ...] = ()  #: [s]
-    worst: float = 0.0  #: the largest constraint there over its row's size
-    late: int = 0  #: others for which the time did not suffice
+    worst: float = 0.0  #: largest relative constraint violation there
+    late: int = 0  #: number of states skipped because the time budget ended
 
     def __str__(self) -> str:
-        """What to say of it; empty where all is well."""
+        """Warning text; empty if all states were projected."""
         text = ""
         if self.times:
             text = (
@@ -102,21 +102,21 @@ class ProjectionFailure:
 
 
 def sizes_from(q: Matrix, v: Matrix) -> Vector:
-    """Typical sizes (2n,) for what constraints are measured by, from states (k, n) of a motion.
+    """Typical sizes (2n,) of q and v from states (k, n) of a motion, for measuring constraint violations.
 
-    A coordinate that stays near zero carries the roundoff of the largest beside it.
+    A coordinate that stays near zero gets a hundredth of the largest one, whose roundoff it carries.
     """
     largest = [np.maximum(x.max(axis=0), -x.min(axis=0)) for x in (q, v)]
-    return np.concatenate([np.maximum(x, BESIDE * x.max()) for x in largest])
+    return np.concatenate([np.maximum(x, MIN_SIZE * x.max()) for x in largest])
 
 
 def near(q: Matrix, moved: Matrix, sizes: Vector) -> Any:
-    """Whether coordinates (..., n) were moved by no more than ``FAR``; ``sizes`` (2n,) are typical of q and v."""
+    """True where coordinates (..., n) were moved by no more than ``FAR``; ``sizes`` (2n,) are typical of q and v."""
     return np.abs(moved - q).max(axis=-1) <= FAR * sizes[: q.shape[-1]].max()
 
 
 class OneByOne:
-    """States of one system put onto both levels of its constraints, one after the other."""
+    """Projects states of one system onto both constraint levels, one after the other."""
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics = dynamics
@@ -126,13 +126,13 @@ class OneByOne:
         return Projection(self._dynamics)
 
     def put_all(self, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> ProjectionFailure:
-        """:meth:`put` of all rows."""
+        """Project all rows in place, as :meth:`put`."""
         return self.put(np.arange(t.size), t, q, v, sizes, lambda: True)
 
     def put(
         self, which: Any, t: Vector, q: Matrix, v: Matrix, sizes: Vector, going: Callable[[], bool]
     ) -> ProjectionFailure:
-        """Move the rows ``which`` of q and v (k, n) at ``t`` (k,), as long as it is ``going`` on."""
+        """Project the rows ``which`` of q and v (k, n) at ``t`` (k,) in place, while ``going()`` is true."""
         times, worst = list[float](), 0.0
         for count, i in enumerate(which.tolist()):
             late = ProjectionFailure(tuple(times), worst, which.size - count)
@@ -148,10 +148,10 @@ class OneByOne:
         return ProjectionFailure(tuple(times), worst)
 
     def _move(self, t: float, q: Vector, v: Vector, sizes: Vector) -> float:
-        """0.0 after q and v (n,) were moved, or what is violated there where they stay."""
+        """Project q and v (n,) in place; returns 0.0, or the violation where they could not be moved."""
         try:
             found = self._projection.nearest(t, q, v)
-        except NonFiniteValue:  # which function, is said where the row's multipliers are looked for
+        except NonFiniteValue:  # recovery of the row's multipliers names the function
             found = q, v
         if not (near(q, found[0], sizes) and self._meets(t, *found, sizes)):
             return self._projection.violated(t, q, v, sizes)
@@ -159,7 +159,7 @@ class OneByOne:
         return 0.0
 
     def _meets(self, t: float, q: Vector, v: Vector, sizes: Vector) -> bool:
-        """Whether what is violated is roundoff: of its size, or because a further projection does not move q and v."""
+        """True if the remaining violation is roundoff: small, or a further projection does not move q and v."""
         left = self._projection.violated(t, q, v, sizes)
         if left <= PROJECTED or not left <= VISIBLE:
             return left <= PROJECTED
@@ -168,9 +168,9 @@ class OneByOne:
 
 
 def closest(mass: Any, rows: Any, pull: Vector, value: Vector) -> Vector:
-    """The change x (n,) of a state: least x^T M x / 2 + pull^T x subject to ``rows x = -value``.
+    """The change x (n,) of a state that minimises x^T M x / 2 + pull^T x subject to ``rows x = -value``.
 
-    ``pull`` is M times how far the state is from where it came, zero for the nearest to where it is now.  Dense rows
+    ``pull`` is M times the distance from the state projected; zero to stay near the present one.  Dense rows
     may depend on one another, sparse ones not.
     """
     right = -np.concatenate([pull, value])
@@ -191,9 +191,9 @@ def closest(mass: Any, rows: Any, pull: Vector, value: Vector) -> Vector:
 
 
 def _nearest(start: Vector, level: Callable[[Vector], tuple[Any, Any, Vector]]) -> Vector:
-    """Newton's iteration from ``start`` (n,) to the nearest root of a level: x -> mass, Jacobian and value."""
+    """Newton's iteration from ``start`` (n,) to the nearest root; ``level``: x -> mass, Jacobian and value."""
     x, last = start.copy(), np.inf
-    for _ in range(MOST_ITERATIONS):
+    for _ in range(MAX_ITERATIONS):
         mass, rows, value = level(x)
         change = closest(mass, rows, mass @ (x - start), value)
         x = x + change

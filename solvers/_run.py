@@ -1,4 +1,4 @@
-"""One solve by a foreign library: the equations as guarded callbacks, the accepted steps, how it ended."""
+"""One solve by a foreign library: equations as guarded callbacks, accepted steps, and how the run ended."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Halt", "Run"]
 
-ROOT = 1e-6  # of v': roots of (F9) that differ by less are one, found from two guesses
+SAME_ROOT = 1e-6  # relative difference of v' below which two roots of (F9) are the same
 OTHER_ROOT = (
     "the form ode begins Newton's iteration for the multipliers without any, and finds others than those of the start, "
     "which lam_guess picks; take one of the dae forms"
@@ -40,9 +40,9 @@ Interpolate = Callable[[float], Any]  # time within the last step [s] -> y, or y
 class Run:
     """One solve: the equations as guarded callbacks (:class:`~solvers._guard.Guard`), and the rows that were reached.
 
-    The library's clock starts at 0: far from the origin of time it would use steps of another length than its times advance
-    by, or take the end as reached at once.  What it hands over and is handed, :attr:`t` and :attr:`wanted` too, is in that
-    time; :meth:`time` is the problem's.
+    The library's clock starts at 0: far from the origin of time it would take steps other than its times show, or take the
+    end as reached at once.  Values passed to and from the library, :attr:`t` and :attr:`wanted` are in that time;
+    :meth:`time` converts to the problem's.
     """
 
     def __init__(self, name: str, problem: Problem, request: Request, form: str, clock: Clock) -> None:
@@ -56,13 +56,13 @@ class Run:
         self.t = self.t0
         self.y: Any = None  #: (size,) at t
         self.steps = 0
-        self.note = ""  #: what is said of a run beside how it ended
+        self.note = ""  #: sentence added to the message of the solution
         self.guard = Guard(self.work, problem.t_span)
         self.pieces: Pieces | None = None  #: dense output, where it was asked for
         self._keeps_ends = request.t_eval is None or request.keep_steps
 
     def solution(self, drive: Callable[[Run], None]) -> Solution:
-        """The whole solve."""
+        """Run the library by ``drive`` and return the Solution."""
         if self.request.t_eval is not None:
             check_output_times(self.request.t_eval, *self.problem.t_span)
         failure = tried_twice(self._begin, self.work, self.now)
@@ -83,7 +83,7 @@ class Run:
         return solution_of(self, end, self._rows.motion, self._own_multipliers(), **more)
 
     def left_over(self, end: Failure) -> Solution:
-        """What was accepted before an exception; no function of the system is called for it."""
+        """Solution of the steps accepted before an exception; calls no function of the system."""
         if not hasattr(self, "start"):
             return self._nothing(end)
         carried = self._rows.carried(self.dynamics)
@@ -91,11 +91,11 @@ class Run:
 
     @property
     def _rows(self) -> Kept:
-        """The rows so far."""
+        """Output rows so far: those at ``t_eval``, or at every step."""
         return self._ends if self.wanted is None else self._asked
 
     def _own_multipliers(self) -> OwnMultipliers:
-        """Those that the solver holds, NaN where it has none."""
+        """The library's own multipliers of the rows, NaN where its form has none."""
         s, k, every = self.dynamics.structure, len(self._rows.times), "those of the form, NaN where it has none"
         lam, mu = self._rows.multipliers(s.m) or (np.full((k, s.m), np.nan), np.full((k, s.p), np.nan))
         some = "the values of the form or of the row before stand there"
@@ -147,25 +147,25 @@ class Run:
         return None
 
     def _same_root(self) -> bool:
-        """Whether the underlying ODE finds the multipliers of the start: where several solve (F9) it may find others."""
+        """True if the underlying ODE finds the multipliers of the start; where (F9) has several roots it may find others."""
         if self.form.kind != "ode" or self.dynamics.structure.linear_reaction:
             return True
         vdot, found = self.first.vdot, self.rhs(self.t0, self.start.y)[self.first.vdot.size :]
-        return bool(np.max(np.abs(found - vdot)) <= ROOT * max(1.0, float(np.max(np.abs(vdot)))))
+        return bool(np.max(np.abs(found - vdot)) <= SAME_ROOT * max(1.0, float(np.max(np.abs(vdot)))))
 
     @property
     def acceleration(self) -> AccelerationLevel:
-        """Of those that are solved with."""
+        """Solver of the acceleration level of the equations in use."""
         return of_dynamics(self.dynamics).acceleration
 
     def tells_no_steps(self) -> None:
-        """Of a solver whose loop gives rows only, or that ends steps at output times: it keeps the ends of none."""
+        """Declare that ends of steps are not kept: the library's loop gives rows only, or ends steps at output times."""
         self._keeps_ends = self.wanted is None
 
     # --- the steps -------------------------------------------------------------------------------------------------
 
     def unfinished(self) -> bool:
-        """Whether the end is not reached; a spent budget ends the run here, as does an exception under compiled code."""
+        """True until the end is reached; raises if a budget is spent or a callback has raised inside compiled code."""
         if self.guard.cause is not None:
             raise self.guard.cause
         if self.t == self.t1:
@@ -179,9 +179,9 @@ class Run:
         return True
 
     def accept(self, t: float, y: Any, between: Interpolate, rate: Interpolate | None = None, dense: Any = None) -> None:
-        """Take one accepted step that ended at (t, y); ``between`` interpolates y inside it, ``rate`` y' up to its end.
+        """Record one accepted step ending at (t, y); ``between`` interpolates y inside it, ``rate`` y' up to its end.
 
-        ``dense()`` makes the library's own interpolant in it, to be kept.
+        ``dense()`` makes the library's own interpolant of the step, to be kept.
         """
         t, y = float(t), np.array(y, dtype=np.float64)
         self._expect_good(t, y)
@@ -192,7 +192,7 @@ class Run:
         self._arrive(1, t, y)
 
     def accept_many(self, steps: int, t: float, y: Vector, rows: Matrix) -> None:
-        """Take ``steps`` accepted steps at once, the last of which ended at (t, y), and the ``rows`` [t, y] they reach."""
+        """Record ``steps`` accepted steps, the last ending at (t, y), and the ``rows`` [t, y] that they reached."""
         if steps:
             self._expect_good(t, y)
         keep = self._keep_end if self.wanted is None else self._keep_asked
@@ -202,7 +202,7 @@ class Run:
             self._arrive(steps, t, y.copy())
 
     def _expect_good(self, t: float, y: Vector) -> None:
-        """Raise :class:`Halt` where steps that ended at (t, y) cannot be what they were reported to be."""
+        """Raise :class:`Halt` if steps reported as good do not advance time or end at a state that is not finite."""
         if not self.direction * self.t < self.direction * t:
             raise Halt(Status.step_too_small, f"A step did not advance t = {exact(self.now)}. {Status.step_too_small.text}")
         if not all_finite(y):
@@ -210,14 +210,14 @@ class Run:
             raise Halt(Status.unreliable, text)
 
     def _arrive(self, steps: int, t: float, y: Vector) -> None:
-        """Go on from the end (t, y) of so many more ``steps``."""
+        """Move the run's position to (t, y) after so many more ``steps``."""
         self.t, self.y = t, y
         self.guard.step_taken()
         self.steps += steps
         self.work.add("steps_accepted", steps)
 
     def _output(self, t: float, y: Vector, between: Interpolate | None, rate: Interpolate | None) -> None:
-        """Keep the rows that this step reaches: its end, or the output times within it."""
+        """Keep the rows reached by this step: its end, or the output times within it."""
         if self._keeps_ends:
             self._keep_end(t, y, rate)
         if self.wanted is None:
@@ -229,7 +229,7 @@ class Run:
                 self._keep_asked(time, y if time == t or between is None else between(time), rate)
 
     def _keep_end(self, t: float, y: Vector, rate: Interpolate | None) -> None:
-        """The row at the end of a step; one whose time is rounded to that of the row before takes its place only at t1."""
+        """Keep the row at a step's end; of two rows whose times round to one, the first is kept, but at t1 the last."""
         if self._ends.times and self.time(t) == self._ends.times[-1]:
             if t != self.t1:
                 return
@@ -237,14 +237,14 @@ class Run:
         self._ends.keep(self.time(t), y, partial(rate, t) if rate else None)
 
     def _keep_asked(self, time: float, y: Any, rate: Interpolate | None) -> None:
-        """The row at the next of ``t_eval``, which is ``time`` on the library's clock."""
+        """Keep the row at the next time of ``t_eval``, which is ``time`` on the library's clock."""
         asked: Any = self.request.t_eval
         self._asked.keep(float(asked[len(self._asked.times)]), y, partial(rate, time) if rate else None)
 
     # --- the end ---------------------------------------------------------------------------------------------------
 
     def _raised(self, drive: Callable[[Run], None]) -> BaseException | None:
-        """What ends the library's run, if not the end of the interval; where a callback has raised, that."""
+        """Run ``drive``; returns the exception that ended it (a callback's own, if one raised), or None at the end."""
         try:
             drive(self)
         except Exception as raised:  # noqa: BLE001 - a library may raise anything; it costs this solve only
@@ -252,7 +252,7 @@ class Run:
         return self.guard.cause
 
     def _end(self, error: BaseException | None) -> Failure:
-        """How the run ended; exceptions of callbacks are raised again as they are."""
+        """How the run ended; an exception of a callback is raised again unchanged."""
         if error is None:
             return Failure(Status.success, Status.success.text)
         if isinstance(error, BudgetSpent):
@@ -268,7 +268,7 @@ class Run:
         return end if blamed is None or end.status is Status.max_steps else self._explained(end, blamed)
 
     def _arrived(self, end: Failure) -> Failure:
-        """How the run ended: no success where the library stopped early, or times do not resolve its steps."""
+        """``end``, turned into a failure if the library stopped early or times do not resolve its steps."""
         if end.status is not Status.success:
             return end
         if self.t != self.t1:
@@ -280,7 +280,7 @@ class Run:
         return Failure(Status.time_resolution, coarse) if coarse else end
 
     def _explained(self, end: Failure, found: Any) -> Failure:
-        """A failure after values that were not finite: the function that gave them is its cause."""
+        """``end`` with the function that returned a value that is not finite named as its cause."""
         if not isinstance(found, NonFiniteValue):
             t, y = found
             try:
@@ -290,7 +290,7 @@ class Run:
         return Failure(Status.nonfinite_callback, f"{found}; {self.name}: {end.message}")
 
     def _kept_ends(self) -> Ends | None:
-        """The ends of the steps, where they are kept beside the rows."""
+        """Ends of the steps, if they are kept in addition to the rows at ``t_eval``."""
         if not (self.request.keep_steps and self._keeps_ends):
             return None
         t, q, v = self._ends.motion

@@ -1,4 +1,4 @@
-"""What every solver begins with: a place, the dynamics that are derived there, and what is kept of them."""
+"""The start of a run for every solver: initial point, derived dynamics, and their cached properties."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
 
 EQUATIONS = tuple(name for name in DERIVATIVES if name != "force_jacobians")  # derivatives that enter the equations
 CORRECT = "correct q0, v0 or pass calc_initcond=True to solve or init_step (hhtbench solve: --calc-initcond)"
-INDEPENDENT = 1e-10  # pivots of a sparse KKT matrix, of the largest, above which no row of its constraints depends on others
+INDEPENDENT = 1e-10  # relative pivots of a sparse KKT matrix above which its constraint rows are independent
 
 
 @dataclass(frozen=True)
 class Failure:
-    """How a start, a step or a run ended, in most cases: that it failed, and the cause as a sentence."""
+    """How a start, a step or a run ended, usually a failure: its status, and the cause as a sentence."""
 
     status: Status
     message: str
@@ -53,7 +53,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Place:
-    """A point of the start: [s], (n,), (n,)."""
+    """A point (t, q, v) of the motion: [s], (n,), (n,)."""
 
     t: float
     q: Vector
@@ -61,20 +61,20 @@ class Place:
 
 
 class Solving(Protocol):
-    """What belongs to one solve, whoever steps."""
+    """One solve in progress, by HHT or by a library."""
 
     dynamics: Dynamics
 
     @property
     def work(self) -> Work:
-        """What is counted."""
+        """Counters of the work done."""
 
 
 Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
 
 
 def tried_twice(begin: Callable[[], Any], work: Work, t: float) -> Any:
-    """What ``begin`` makes of the start at ``t`` [s], or a :class:`Failure`; one value that is not finite is no cause."""
+    """Call ``begin`` for the start at ``t`` [s], once more after a value that is not finite; its result or a Failure."""
     failure = None
     for _ in range(2):
         try:
@@ -88,14 +88,14 @@ def tried_twice(begin: Callable[[], Any], work: Work, t: float) -> Any:
 
 
 def typical_sizes(problem: Problem) -> Vector:
-    """Of q and v, (2n,): the problem's scales."""
+    """Typical sizes of q and v, (2n,): the problem's scales."""
     n, sizes = problem.q0.size, np.empty(2 * problem.q0.size)
     sizes[:n], sizes[n:] = problem.scales.q, problem.scales.v
     return sizes
 
 
 def absolute_tolerances(problem: Problem, request: Request) -> Vector:
-    """Of q and v, (2n,): those of the request, or ``rtol`` times the typical sizes where it gives none."""
+    """Absolute tolerances of q and v, (2n,): the request's, or ``rtol`` times the problem's scales without one."""
     n, atol = problem.q0.size, request.atol
     if atol is None:
         rtol = 0.0 if request.rtol is None else request.rtol
@@ -106,7 +106,7 @@ def absolute_tolerances(problem: Problem, request: Request) -> Vector:
 
 
 class OfDynamics:
-    """What depends on a dynamics only; looking it up takes as long as computing with it."""
+    """Properties derived from one dynamics and cached, since deriving them takes long."""
 
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics, self.large = dynamics, large(dynamics) is not None
@@ -115,21 +115,21 @@ class OfDynamics:
 
     @cached_property
     def levels(self) -> ConstraintLevels:
-        """Of the constraints, sparse for large systems."""
+        """The constraint levels; sparse for large systems."""
         return ConstraintLevels(self._dynamics)
 
     @cached_property
     def acceleration(self) -> AccelerationLevel:
-        """Likewise."""
+        """Solver of the acceleration level, (H16)."""
         from hhtbench.lowering.dynamics.kkt import AccelerationLevel  # small systems have machine code for it
 
         return AccelerationLevel(self._dynamics)
 
     @cached_property
     def compiled(self) -> CompiledLevel | None:
-        """None of a system that is large, or whose functions are no machine code.
+        """Machine code of the acceleration level; None for a large system or functions that are no machine code.
 
-        It depends on the system only: else results would depend on what was solved before.
+        Depends on the system only, so that results do not depend on what was solved before.
         """
         dynamics = self._dynamics
         if route_of(dynamics) == "numpy" or not dynamics.matrices or too_large(dynamics) is not None:
@@ -140,7 +140,7 @@ class OfDynamics:
 
     @cached_property
     def plain(self) -> bool:
-        """Whether nothing but its place determines whether a start is good."""
+        """True if a start can be checked by its point alone: plain mass, no declared derivatives or patterns to compare."""
         return plain_mass(self._dynamics) and not self.compared and not declared(self._dynamics.system, "sparsity")
 
 
@@ -148,7 +148,7 @@ _of_dynamics = Cache(64)
 
 
 def of_dynamics(dynamics: Dynamics) -> OfDynamics:
-    """Remembered of a dynamics that is remembered itself."""
+    """The cached properties of a dynamics."""
     found: OfDynamics = _of_dynamics.find(by_id(dynamics), lambda: OfDynamics(dynamics))
     return found
 
@@ -159,11 +159,11 @@ class Begun(NamedTuple):
     dynamics: Dynamics
     place: Place
     found: Acceleration
-    note: str  #: what was moved how far
+    note: str  #: by how much ``calc_initcond`` moved the start, or ""
 
 
 def plain_start(system: System | NumpySystem, place: Place, guesses: Guesses, work: Work) -> Begun | None:
-    """The start at ``place`` by machine code; None where there is none, or the start is not plainly good."""
+    """The start at ``place`` by machine code; None if there is none or the start needs the full checks."""
     if not issubclass(type(system), System):
         return None
     with uncounted():
@@ -177,12 +177,11 @@ def plain_start(system: System | NumpySystem, place: Place, guesses: Guesses, wo
 
 
 def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str, ...] = ()) -> Dynamics:
-    """Derived functions with a regular mass; declared derivatives that enter the equations are compared first.
+    """Derived functions with a regular mass; declared derivatives that enter the equations are checked first.
 
-    ``without``: names of ``REDUCTIONS`` that are not made.
-
+    ``without``: names of ``REDUCTIONS`` to switch off.
     A wrong force Jacobian only slows Newton down; a wrong constraint Jacobian changes the motion, so it is
-    replaced, with a warning.  What is called for this is no evaluation of the motion.
+    replaced, with a warning.  Calls made here are not counted as evaluations.
 
     Raises
     ------
@@ -222,7 +221,7 @@ def _wrong_derivatives(dynamics: Dynamics, place: Place) -> list[str]:
 
 
 def usable(dynamics: Dynamics, place: Place) -> Dynamics:
-    """``dynamics`` without dependent rows and with a regular mass."""
+    """``dynamics`` without dependent constraint rows and with a regular mass."""
     with uncounted():
         dynamics = _independent(dynamics, place)
         if dynamics.structure.constrained and singular_mass(dynamics, place):
@@ -233,7 +232,7 @@ def usable(dynamics: Dynamics, place: Place) -> Dynamics:
 
 
 def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
-    """``dynamics``, whose variable mass, if it is known by its entries, has an inverse by them; else by full matrices."""
+    """``dynamics`` if its variable mass can be inverted by its entries, else with full matrices."""
     products = matrix_free(dynamics) if dynamics.structure.mass == "variable" else None
     if products is None or products.entries is None or products.mass_at(place.t, place.q).inverse() is not None:
         return dynamics
@@ -241,13 +240,13 @@ def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
 
 
 def singular_mass(dynamics: Dynamics, place: Place) -> bool:
-    """Whether the mass is; one that is known by its entries has been checked."""
+    """True if the mass is singular; one known by its entries has been checked before."""
     products = matrix_free(dynamics) if dynamics.structure.mass == "variable" else None
     return (products is None or products.entries is None) and singular_at(dynamics, place.t, place.q)
 
 
 def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
-    """``dynamics`` itself, or without the rows of its constraints that depend on others at ``place``, with a warning."""
+    """``dynamics``, without constraint rows that depend on others at ``place``, of which it warns."""
     if not dynamics.structure.constrained:
         return dynamics
     known = of_dynamics(dynamics)
@@ -269,7 +268,7 @@ def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
 
 
 def violations(at: Levels, place: Place, bound: float) -> str:
-    """Names of the rows above ``bound``, position level first; empty when there are none."""
+    """Text naming the constraint rows violated by more than ``bound``, position level first; empty if there are none."""
     if at.hold(place.q, place.v, bound):
         return ""
     position, velocity = at.misfits(place.q, place.v)
@@ -296,6 +295,6 @@ def points_of(dynamics: Dynamics) -> int:
 
 
 def budget_failure(spent: BudgetSpent, t: float) -> Failure:
-    """The status of a spent budget, with the time it has lasted for."""
+    """Failure for a spent budget, naming the time ``t`` [s] reached."""
     status = Status.deadline if spent.budget == "seconds" else Status.evaluation_budget
     return Failure(status, f"{spent} at t = {exact(t)}; {status.text}")

@@ -1,8 +1,9 @@
-"""What IDA and CVODE of scikit-sundae share: Newton's matrix, steps, and the errors that they print.
+"""Common parts of the IDA and CVODE adapters (scikit-sundae): Newton's matrix, steps, capture of printed errors.
 
-Warnings are written by SUNDIALS itself, in C, into the file that its variable names.  Errors come through scikit-sundae,
-which calls Python's ``print`` in the thread that took the step.  Its compiled code holds ``print`` itself, so that only
-the stream can be listened at.  ``sys.stdout`` is not replaced: where two threads do so one of them restores the other's.
+SUNDIALS writes warnings itself, in C, into the file that its environment variable names.  Errors come through
+scikit-sundae, which calls Python's ``print`` in the thread that took the step.  Its compiled code refers to ``print``
+itself, so only the stream can be intercepted.  ``sys.stdout`` is not replaced: of two threads that do so, one restores
+the other's.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ os.environ.setdefault("SUNLOGGER_WARNING_FILENAME", os.devnull)  # read when a s
 
 LAPACK = 100  # unknowns from which LAPACK's blocked LU is faster than SUNDIALS' own
 TOO_ACCURATE = -2
-SUNDIALS_ENDS = {  # flags of IDA and CVODE that have our names; the rest is told by the library's message
+SUNDIALS_ENDS = {  # flags of IDA and CVODE with a Status; for others the library's message is shown
     -1: Status.max_steps,
     TOO_ACCURATE: Status.step_too_small,  # accuracy beyond roundoff was asked for
     -3: Status.step_too_small,
@@ -44,7 +45,7 @@ PRINTED = re.compile(r"\n\[\w+, Error: -?\d+\] .*\n", re.DOTALL)  # by _sunerr_h
 
 
 class SundialsMatrix:
-    """Newton's matrix as SUNDIALS takes it: by which of its linear solvers, and its values in their order."""
+    """Newton's matrix for SUNDIALS: the linear solver, and the Jacobian's values in the order that it expects."""
 
     def __init__(self, form: forms.Form) -> None:
         self._order: Any = ...
@@ -56,7 +57,7 @@ class SundialsMatrix:
             self._options = {"linsolver": "sparse", "sparsity": pattern}
 
     def solver(self, library: Any, function: Any, **options: Any) -> Any:
-        """An IDA or CVODE for this matrix."""
+        """Build an IDA or CVODE for this matrix."""
         if self._order is ...:
             return library(function, **self._options, **options)
         with warnings.catch_warnings():
@@ -65,7 +66,7 @@ class SundialsMatrix:
             return library(function, **self._options, **options)
 
     def values(self, found: Vector | Matrix) -> Vector | Matrix:
-        """What a Jacobian of the form gives: the full matrix, or of a pattern the entries column by column."""
+        """Reorder a Jacobian of the form: the full matrix, or the entries of a pattern column by column."""
         return found[self._order]
 
 
@@ -84,7 +85,7 @@ def step_sundials(run: Run, solver: Any) -> None:
 
 
 def _roundoff(run: Run) -> str:
-    """At which tolerances SUNDIALS would go on: those of which the roundoff of y is less than half."""
+    """Advice to loosen tolerances until the roundoff of y is less than half of what they allow."""
     size = np.sqrt(np.mean((run.y / (run.rtol * np.abs(run.y) + run.weights)) ** 2))
     below = 2 * np.finfo(np.float64).eps * size
     return f"Roundoff is reached: loosen the tolerances {below:.2g} times."
@@ -101,7 +102,7 @@ def _rate(solver: Any, step: Any, time: float) -> Vector:
 
 
 def _sampled(solver: Any, start: float, step: Any) -> Polynomial:
-    """The library's polynomial over the last step, from ``start``: it keeps none, so that values of it are kept."""
+    """The library's polynomial over the last step, from ``start``, rebuilt from samples, since it keeps none."""
     times = start + (step.t - start) * NODES
     values = np.array([np.array(solver.step(time, method="normal", tstop=None).y) for time in times.tolist()])
     solver.step(step.t, method="normal", tstop=None)
@@ -109,21 +110,21 @@ def _sampled(solver: Any, start: float, step: Any) -> Polynomial:
 
 
 def _within(solver: Any, end: float, time: float) -> Any:
-    """What the library gives at ``time``; it is put back to the step's end, from where it goes on."""
+    """The library's state at ``time``; afterwards it is reset to the step's end, from where it continues."""
     found = solver.step(time, method="normal", tstop=None)
     solver.step(end, method="normal", tstop=None)
     return found
 
 
 class _Here(threading.local):
-    """What is heard in one thread."""
+    """Errors captured in one thread."""
 
-    said: list[str] | None = None  #: None: nobody listens
+    said: list[str] | None = None  #: texts captured; None: capture is off
     newline = False  #: ``print`` has yet to write the newline that ends a message
 
 
 class _Ear:
-    """The ``write`` of a stream while threads listen at it."""
+    """Replaces the ``write`` of a stream while threads capture errors from it."""
 
     def __init__(self, stream: Any) -> None:
         self.write, self.listeners = stream.write, 0
@@ -144,7 +145,7 @@ _ears: dict[int, _Ear] = {}  # by id of the stream
 
 @contextmanager
 def overheard() -> Iterator[list[str]]:
-    """The errors that SUNDIALS prints in this thread; all else that is written to stdout passes."""
+    """Context in which errors printed by SUNDIALS in this thread are collected; other output passes through."""
     stream: Any = sys.stdout
     before, said = _here.said, list[str]()
     with _lock:

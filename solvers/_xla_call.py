@@ -1,7 +1,7 @@
-"""Calls from XLA's compiled code to functions of Python, by its stable C interface: 5 us each.
+"""Calls from XLA's compiled code to Python functions through XLA's stable C interface (FFI), at 5 us each.
 
-``jax.pure_callback`` costs 150 us: it makes arrays of JAX and a task of its thread pool for every call.  The structures are
-those of ``xla/ffi/api/c_api.h``, which lies in ``jax.ffi.include_dir()``, in words of eight bytes.
+``jax.pure_callback`` costs 150 us: it makes JAX arrays and a task of its thread pool for every call.  The structures
+follow ``xla/ffi/api/c_api.h``, which lies in ``jax.ffi.include_dir()``, in words of eight bytes.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ OF_TYPE, OF_METADATA = 8, 24  # [bytes] where things are in XLA_FFI_Metadata_Ext
 OF_VERSION, OF_TRAITS = 24, 32  # ... in XLA_FFI_Metadata: numbers of the version, major and minor in one word ...
 OF_API_VERSION = 32  # ... and in XLA_FFI_Api
 INT = 0xFFFFFFFF  # the half of a word that an int is
-MOST_PLACES = 256  # in memory at which arrays are remembered to have been
+MAX_KNOWN = 256  # buffer addresses whose arrays are cached
 
-functions: dict[int, Callable[..., Any]] = {}  #: ticket -> what is called: (shape of the result, *arrays) -> array
+functions: dict[int, Callable[..., Any]] = {}  #: ticket -> function: (shape of the result, *arrays) -> array
 _known: dict[
     tuple[tuple[int, bytes], ...], list[Any]
 ] = {}  # places and shapes of the buffers -> arrays there, the result first
 
 
 def _word(address: int) -> Any:
-    """The eight bytes at ``address``; its ``value`` can be set."""
+    """The eight-byte word at ``address``; assign to its ``value`` to write it."""
     return ctypes.c_int64.from_address(address)
 
 
 @ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_void_p)
 def _handler(address: int) -> None:
-    """Answers what XLA asks of a handler, and carries out a call."""
+    """FFI handler: answers XLA's query for metadata, or calls the Python function."""
     frame = FRAME.unpack(ctypes.string_at(address, FRAME.size))
     extension = frame[EXTENSION]
     if extension and _word(extension + OF_TYPE).value & INT == METADATA:
@@ -56,12 +56,12 @@ def _handler(address: int) -> None:
 
 
 def _arrays(buffers: tuple[int, ...]) -> list[Any]:
-    """float64 memory of XLA."""
+    """NumPy views of XLA's float64 ``buffers``, cached by address and shape."""
     fields = [BUFFER.unpack(ctypes.string_at(buffer, BUFFER.size)) for buffer in buffers]
     key = tuple((field[DATA], ctypes.string_at(field[SHAPE], 8 * field[RANK])) for field in fields)
     found = _known.get(key)
     if found is None:
-        if len(_known) >= MOST_PLACES:
+        if len(_known) >= MAX_KNOWN:
             _known.clear()
         found = _known[key] = [_array(*place) for place in key]
     return found
@@ -74,9 +74,9 @@ def _array(data: int, shape_in_bytes: bytes) -> Any:
 
 
 def called(ticket: Any, shape: tuple[int, ...], *arrays: Any) -> Any:
-    """What the function of ``ticket`` returns, traced: an array of ``shape`` from float64 ``arrays``, which it may not keep.
+    """Traced call of the function of ``ticket``: an array of ``shape`` from float64 ``arrays``.
 
-    It may not raise.
+    The function must not keep the arrays, nor raise.
     """
     return jax.ffi.ffi_call(TARGET, jax.ShapeDtypeStruct(shape, np.float64))(ticket, *arrays)
 

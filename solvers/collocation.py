@@ -1,7 +1,7 @@
 """``collocation(form=ggl|index2|index1, stages=7)``: Radau IIA of high order, for reference solutions.
 
-Order 2 s - 1: with seven stages 13, so that roundoff is reached with few steps, also on stiff problems and with both levels
-of the constraints as equations.  It is ours, and slow per step: it exists to certify others, not to compete with them.
+Order 2 s - 1 with s stages, 13 for seven, so that roundoff is reached with few steps, also on stiff problems and with both
+constraint levels as equations.  Our own implementation, slow per step: it certifies other solvers and does not compete.
 
 A step seeks a polynomial of degree s through the start that satisfies F(t, y, y') = 0 at s nodes, the last at the end of the
 step: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, Springer 1996, section VII.4.
@@ -30,32 +30,32 @@ from solvers._start import typical_sizes
 KNOWN = {"form": ("ggl", "index2", "index1")}
 STAGES = 7
 MAX_STAGES = 12  # beyond, the differentiation matrix loses digits
-SAFETY, MAX_GROWTH, MIN_SHRINK = 0.9, 2.0, 0.1  # of a step's length from one step to the next
-NEWTON_SHRINK = 0.5  # where Newton's iteration fails
-STEPS_WITHOUT_GROWTH = 20  # steps without growth after a refusal
-WORTH_GROWING = 1.3  # a step that could grow by less keeps its length, and with it the factorised matrix
+SAFETY, MAX_GROWTH, MIN_SHRINK = 0.9, 2.0, 0.1  # factors on the step's length from one step to the next
+NEWTON_SHRINK = 0.5  # factor on the step's length where Newton's iteration fails
+STEPS_WITHOUT_GROWTH = 20  # steps without growth after a rejection
+MIN_GROWTH = 1.3  # smaller growth is not made, to keep the factorised matrix
 FIRST_STEP = 1e-4  # of the interval: the first step that is tried
-END_POWER = 0.75  # the last Legendre coefficient may be rtol**END_POWER: the end of a step is better by more than that
+END_POWER = 0.75  # the last Legendre coefficient may be rtol**END_POWER, as a step's end is far more accurate
 MAX_ITERATIONS = 20  # of the simplified Newton iteration, which gains one to five digits each
-OLD_CONTRACTION = 0.1  # of the increments by the matrix of an earlier step: above it the matrix is made anew
-LEAST_CONTRACTION = 0.5  # by a new matrix: above it the step is too long
-UNJUDGED = 3  # first increments that say nothing of the contraction: they correct the guess of the multipliers
+OLD_CONTRACTION = 0.1  # contraction with an earlier step's matrix above which a new matrix is made
+MAX_CONTRACTION = 0.5  # contraction with a new matrix above which the step is too long
+UNJUDGED = 3  # first increments not used for the contraction: they correct the guess of the multipliers
 ROUNDOFF = 1e-15  # increments below this, relative to the sizes, change nothing
-SMALLEST_SIZE = 1e-2  # of the largest coordinate: by less than that no other is measured
-STAGNATION = 1e-13  # increments by a new matrix, below this, that no longer shrink are roundoff in the defect
+MIN_SIZE = 1e-2  # lower bound on a coordinate's size, relative to the largest coordinate
+STAGNATION = 1e-13  # increments with a new matrix below this that no longer shrink are roundoff in the defect
 EPS = float(np.finfo(np.float64).eps)
 NOISE_SAFETY = 2.0  # one sample of roundoff may be smaller than another
 
 
 @dataclass(frozen=True)
 class CollocationSolver(Adapter):
-    """Radau IIA on a DAE form; every output time is the end of a step: rows are as accurate as steps, which they shorten."""
+    """Radau IIA on a DAE form.  Every output time ends a step, so rows are as accurate as steps but shorten them."""
 
     stages: int = STAGES
     library: ClassVar[str] = "hhtbench"
 
     def drive(self, run: Run) -> None:
-        """Steps with error control by the decay of the collocation polynomial's Legendre coefficients."""
+        """Take steps with error control by the decay of the collocation polynomial's Legendre coefficients."""
         method = Collocation(run=run, nodes=radau_nodes(self.stages), scales=_scales(run), rate=run.start.yp)
         run.tells_no_steps()
         weights = np.where(run.form.multipliers, np.inf, run.weights)
@@ -76,11 +76,11 @@ class CollocationSolver(Adapter):
             run.accept(end, run.y + z[-1], _no_interior, dense=dense)
             run.work.library = dict(method.tally)
             patience = max(patience - 1, 0)
-            if factor > WORTH_GROWING and not patience:
+            if factor > MIN_GROWTH and not patience:
                 length = max(length, abs(h) * factor)
 
     def _growth(self, z: Matrix | None, method: Collocation, sizes: Vector, rtol: float) -> float:
-        """By which factor the next step may differ from this one; below SAFETY this one is refused."""
+        """Factor from this step's length to the next one's; below SAFETY this step is rejected."""
         if z is None:
             return NEWTON_SHRINK
         error = np.max(np.abs(method.nodes.leading @ z) / sizes) * rtol ** (1 - END_POWER)
@@ -95,7 +95,7 @@ def _scales(run: Run) -> Vector:
 
 
 def _end_of_step(run: Run, length: float) -> float:
-    """Where a step of about ``length`` from run.t ends: at the next output time, or halfway where that is near."""
+    """End time of a step of about ``length`` from run.t: the next output time, or halfway to it if that is near."""
     stops = np.array([run.t1]) if run.wanted is None else np.append(run.wanted, run.t1)
     stop = float(next(t for t in stops if run.direction * t > run.direction * run.t))
     rest = abs(stop - run.t)
@@ -110,14 +110,14 @@ def _no_interior(time: float) -> Any:
 
 @dataclass(frozen=True)
 class Nodes:
-    """Collocation points of a step of length one and what follows from them."""
+    """Collocation nodes on [0, 1] and the matrices derived from them."""
 
     c: Vector  #: (s,) nodes; the last is 1
-    slope: Matrix  #: (s, s) values at the nodes, start taken off -> derivatives at the nodes
+    slope: Matrix  #: (s, s) values at the nodes less that at the start -> derivatives at the nodes
     roots: NDArray[np.complex128]  #: (r,) eigenvalues of ``slope``, one of each conjugate pair
-    to_modes: NDArray[np.complex128]  #: (r, s) values at the nodes -> parts along the eigenvectors of ``roots``
-    from_modes: NDArray[np.complex128]  #: (s, r) these -> values at the nodes, which are the real part
-    leading: Vector  #: (s,) values at the nodes -> last coefficient in Legendre's polynomials
+    to_modes: NDArray[np.complex128]  #: (r, s) values at the nodes -> coefficients of the eigenvectors of ``roots``
+    from_modes: NDArray[np.complex128]  #: (s, r) these coefficients -> values at the nodes, as the real part
+    leading: Vector  #: (s,) values at the nodes -> last Legendre coefficient
 
 
 @cache
@@ -146,7 +146,7 @@ def radau_nodes(stages: int) -> Nodes:
 
 @dataclass
 class Collocation:
-    """One step after the other on the DAE form of a run; keeps its factorised matrix while that serves."""
+    """Steps of the collocation method on the DAE form of a run; reuses its factorised matrix while it contracts."""
 
     run: Any
     nodes: Nodes
@@ -155,41 +155,41 @@ class Collocation:
     last: tuple[Matrix, float] | None = None  #: change of y at the nodes of the last step, and its length [s]
     factor: Any = None
     factor_h: float = 0.0
-    noise: float = ROUNDOFF  #: size of the increments that roundoff in the defect makes, by the factorised matrix
+    noise: float = ROUNDOFF  #: size of increments due to roundoff in the defect
     tally: Counter[str] = field(default_factory=Counter)  #: Newton iterations, factorisations and solves so far
 
     def step(self, t: float, y: Vector, h: float) -> Matrix | None:
-        """Change of y at the nodes, (s, size), in a step of length ``h`` from (t, y); None where Newton fails."""
+        """Change of y at the nodes, (s, size), in a step of length ``h`` from (t, y); None if Newton's iteration fails."""
         guess = self._predicted(y.size, h)
         if self.factor is not None and self.factor_h == h:
             found = self._iterate(t, y, h, guess, OLD_CONTRACTION, self.noise)
             if found is not None:
                 return found
         self._factorise(t, y, h, guess)
-        return self._iterate(t, y, h, guess, LEAST_CONTRACTION, max(self.noise, STAGNATION))
+        return self._iterate(t, y, h, guess, MAX_CONTRACTION, max(self.noise, STAGNATION))
 
     def advance(self, z: Matrix, h: float) -> None:
-        """The step with the changes ``z`` (s, size) was taken."""
+        """Note that the step with the changes ``z`` (s, size) was accepted."""
         self.last, self.rate = (z, h), self.nodes.slope[-1] @ z / h
 
     def interpolant(self, t: float, y: Vector, z: Matrix, h: float) -> Polynomial:
-        """The polynomial of the step from (t, y) with the changes ``z`` (s, size)."""
+        """Collocation polynomial of the step from (t, y) with the changes ``z`` (s, size)."""
         return Polynomial(t + h * np.append(0.0, self.nodes.c), np.vstack([y, y + z]))
 
     def _predicted(self, size: int, h: float) -> Matrix:
-        """The last step's polynomial continued, as change from its end."""
+        """Guess (s, size) of the changes by extrapolating the last step's polynomial."""
         if self.last is None:
             return self.nodes.c[:, None] * h * self.rate
         z, length = self.last
         return extrapolation(self.nodes, h / length) @ z
 
     def _iterate(self, t: float, y: Vector, h: float, z: Matrix, contraction: float, noise: float) -> Matrix | None:
-        """Simplified Newton iteration until increments are roundoff; None where they shrink by less than ``contraction``.
+        """Simplified Newton iteration to roundoff; None if increments shrink by less than ``contraction``.
 
-        Increments below ``noise`` that no longer shrink are roundoff in the defect.
+        Increments below ``noise`` that no longer shrink count as roundoff in the defect.
         """
         residual, form = self.run.residual, self.run.form
-        counted = ~form.multipliers  # those follow
+        counted = ~form.multipliers  # multipliers follow the others
         times, last, sizes = t + self.nodes.c * h, np.inf, self._sizes(y)
         for iteration in range(MAX_ITERATIONS):
             stages = zip(times, z, self.nodes.slope @ z / h, strict=True)
@@ -201,7 +201,7 @@ class Collocation:
             z = z - increment
             size = float(np.max((np.abs(increment) / sizes)[:, counted]))
             judged = iteration >= UNJUDGED
-            if size <= ROUNDOFF or (judged and LEAST_CONTRACTION * last < size <= noise):
+            if size <= ROUNDOFF or (judged and MAX_CONTRACTION * last < size <= noise):
                 return z
             if not np.isfinite(size) or (judged and size > max(contraction * last, noise)):
                 return None
@@ -209,16 +209,16 @@ class Collocation:
         return None
 
     def _sizes(self, y: Vector) -> Vector:
-        """What increments are measured by, (size,): small coordinates carry the roundoff of the largest one beside them."""
+        """Sizes (size,) that increments are measured by; small coordinates carry the roundoff of the largest one."""
         sizes, n = self.scales + np.abs(y), self.run.form.blocks["q"].stop
         for block in (slice(0, n), slice(n, 2 * n)):
-            sizes[block] = np.maximum(sizes[block], SMALLEST_SIZE * np.max(sizes[block]))
+            sizes[block] = np.maximum(sizes[block], MIN_SIZE * np.max(sizes[block]))
         return sizes
 
     def _factorise(self, t: float, y: Vector, h: float, guess: Matrix) -> None:
-        """The matrix slope_ij / h dF/dy' + delta_ij dF/dy of the whole step, its derivatives from the middle.
+        """Factorise the step's matrix slope_ij / h dF/dy' + delta_ij dF/dy, with derivatives from its middle node.
 
-        The eigenvectors of ``slope`` make it one block ``root / h dF/dy' + dF/dy`` for each eigenvalue: (IV.8.5) of Hairer
+        The eigenvectors of ``slope`` split it into a block ``root / h dF/dy' + dF/dy`` per eigenvalue: (IV.8.5) of Hairer
         and Wanner.
         """
         middle = self.nodes.c.size // 2
@@ -230,23 +230,23 @@ class Collocation:
         self.noise = self._noise(np.abs(direct) @ np.abs(place[1]) + np.abs(other - direct) @ np.abs(place[2]), y)
 
     def _noise(self, terms: Vector, y: Vector) -> float:
-        """Size of the increments that the last bits of the ``terms`` (size,) of the equations make; at most rtol.
+        """Size of increments due to roundoff of the ``terms`` (size,) of the equations; at most rtol.
 
-        In a stiff system they are far above the last bits of y: those of a spring's force grow with its stiffness.
+        In a stiff system this is far above the roundoff of y: that of a spring's force grows with its stiffness.
         """
         bits = EPS * terms * np.random.default_rng(0).choice([-1.0, 1.0], (self.nodes.c.size, y.size))
         size = np.max((np.abs(self._solved(bits)) / self._sizes(y))[:, ~self.run.form.multipliers])
         return min(NOISE_SAFETY * float(size), float(self.run.rtol))
 
     def _solved(self, defect: Matrix) -> Matrix:
-        """The factorised matrix divided into ``defect`` (s, size)."""
+        """Solve with the factorised matrix for ``defect`` (s, size)."""
         modes = zip(self.factor, self.nodes.to_modes @ defect, strict=True)
         solved = [linalg.lu_solve(factor, part, check_finite=False) for factor, part in modes]
         return np.asarray((self.nodes.from_modes @ np.array(solved)).real)
 
 
 def extrapolation(nodes: Nodes, ratio: float) -> Matrix:
-    """(s, s): changes at the nodes of one step -> changes from its end at the nodes of the next, ``ratio`` times as long."""
+    """(s, s) matrix: changes at the nodes of one step -> changes at those of the next, ``ratio`` times as long."""
     x = np.append(0.0, nodes.c)
     weight = barycentric(x)
     parts = weight / (1 + ratio * nodes.c[:, None] - x)

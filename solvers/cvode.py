@@ -1,6 +1,6 @@
 """``cvode(form=ode, method=bdf|adams)``: SUNDIALS' CVODE through scikit-sundae on the underlying ODE.
 
-The multipliers are eliminated at the acceleration level, so nothing holds the constraints: they drift with the error.
+Multipliers are eliminated at the acceleration level, so the constraints drift with the error.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ KNOWN = {"form": ("ode",), "method": ("bdf", "adams")}
 
 
 class CVODESolver(Adapter):
-    """CVODE with Newton's iteration, and the form's exact Jacobian, for both methods."""
+    """CVODE with Newton's iteration and the form's exact Jacobian, for both methods."""
 
     library: ClassVar[str] = "scikit-sundae"
     installed: ClassVar[bool] = CVODE is not None
 
     def drive(self, run: Run) -> None:
-        """One CVODE, stepped to the end."""
+        """Step one CVODE to the end of the run."""
 
         def rhs(t: float, y: Any, result: Any) -> None:
             result[:] = run.rhs(t, y)

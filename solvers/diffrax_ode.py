@@ -1,9 +1,9 @@
 """``diffrax(method=Tsit5|Dopri8|Kvaerno5)``: diffrax on the underlying ODE, compiled as a whole.
 
 The loop over steps is compiled too (:mod:`solvers._diffrax_loop`); it returns to Python after every SEGMENT attempts, so
-that budgets hold.  A compiled solve cannot be watched.  An explicit method evaluates as often as it has stages, so its
-evaluations follow from its attempts.  An implicit one iterates: :meth:`DiffraxSolver.count` repeats its solve, untimed,
-with functions of Python, which count; ``max_evaluations`` selects that code.
+that budgets hold.  Evaluations inside compiled code cannot be counted.  Those of an explicit method follow from its
+stages and attempts; those of an implicit one from :meth:`DiffraxSolver.count`, which repeats the solve, untimed, with
+Python functions that count; ``max_evaluations`` selects that code.
 """
 
 from __future__ import annotations
@@ -34,38 +34,38 @@ try:
 except ImportError:
     loop = None  # type: ignore[assignment]
 
-SLOW = 0.05  # [s] of one segment under a time budget, at most
+MAX_SEGMENT_TIME = 0.05  # [s] of one segment under a time budget
 KNOWN = {"method": ("Tsit5", "Dopri8", "Kvaerno5"), "form": ("ode",)}
 
 _tickets = itertools.count()
 
 
 class DiffraxSolver(Adapter):
-    """One of diffrax's Runge-Kutta methods with its default step size controller."""
+    """One of diffrax's Runge-Kutta methods with its default step-size controller."""
 
     library: ClassVar[str] = "diffrax"
     installed: ClassVar[bool] = loop is not None
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
-        """As every adapter, and only systems that JAX can trace."""
+        """As every adapter; declines systems that JAX cannot trace."""
         if self.installed and isinstance(problem.system, NumpySystem):
             return "diffrax compiles the system, and plain callables cannot be compiled; write it as a System in jax.numpy"
         return super().accepts(problem, request)
 
     def warm_up(self, problem: Problem, request: Request) -> None:
-        """As every adapter, and with output within the first step, so that its code is compiled too."""
+        """As every adapter; also compiles output within a step."""
         one = replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None)
         t = self.solve(problem, replace(one, t_eval=None)).t
         if request.t_eval is not None and t.size == 2:
             self.solve(problem, replace(one, t_eval=t[:1] + np.diff(t) / 2))
 
     def count(self, problem: Problem, request: Request) -> Counters:
-        """The counters of :meth:`solve` with the evaluations, from a run of its own."""
+        """The counters of :meth:`solve` including evaluations, from a second run."""
         counters = self.solve(problem, replace(request, max_evaluations=request.max_evaluations or 2**62)).counters
         return replace(counters, provenance=f"in a second run: {counters.provenance}")
 
     def drive(self, run: Run) -> None:
-        """Compiled segments until the end."""
+        """Run compiled segments until the end."""
         implicit = loop.evaluations_per_step(self.method) is None
         outside = run.form.outside(implicit) or (implicit and run.request.max_evaluations is not None)
         if implicit and not outside:
@@ -96,7 +96,7 @@ class DiffraxSolver(Adapter):
             rejected += attempted - accepted
             if run.request.max_seconds is not None:
                 each = (time.perf_counter() - began) / max(attempted, 1)
-                room = int(min(8 * room, loop.SEGMENT, max(SLOW / each, 1.0)))
+                room = int(min(8 * room, loop.SEGMENT, max(MAX_SEGMENT_TIME / each, 1.0)))
             lost = numbers[2] if accepted or np.isnan(lost) else lost
             run.work.library = {"steps_rejected_error": rejected}
             _book(run, per_step * attempted)
@@ -112,7 +112,7 @@ class DiffraxSolver(Adapter):
 
 
 class _Called:
-    """y' and dy'/dy for compiled code that computes them outside; NaN after the first exception."""
+    """y' and dy'/dy called from compiled code; NaN after the first exception."""
 
     def __init__(self, run: Run) -> None:
         self._run, self._interrupts = run, Callbacks()
@@ -129,7 +129,7 @@ class _Called:
         return np.nan
 
     def watched(self, compiled: Callable[..., Any]) -> Callable[..., Any]:
-        """``compiled`` code that calls these: an interrupt is noted meanwhile, and raised after it."""
+        """Wrap ``compiled`` code that calls these: an interrupt during a call is raised after it."""
 
         def call(*arguments: Any) -> Any:
             with self._interrupts:
@@ -143,7 +143,7 @@ class _Called:
 
 
 def _check_ahead(run: Run, lost: float) -> None:
-    """Find a value that is not finite on the way, by Euler's step, to the end ``lost`` of a failed step (or NaN: none)."""
+    """Find a value that is not finite on the way, by Euler's step, to a failed step's end ``lost`` (NaN: unknown)."""
     if np.isfinite(lost):
         t, y, h = run.t, run.y, lost - run.t
         slope = run.rhs(t, y)
@@ -158,14 +158,14 @@ def _between(run: Run, step_to: Any, fixed: Any, row: Any, per_step: int, at: fl
 
 
 def _sampled(run: Run, inside: Any, fixed: Any, row: Any, per_step: int) -> Polynomial:
-    """The method's polynomial over the step in ``row``: values of it, which need no compiled code later."""
+    """The method's polynomial over the step in ``row``, from samples, so that no compiled code is needed later."""
     _book(run, per_step + 1 if per_step else 0)
     times = row[0] + (row[1] - row[0]) * NODES
     return Polynomial(fixed[0][0] * times, np.asarray(inside(*fixed, row, times)))
 
 
 def _book(run: Run, evaluations: int) -> None:
-    """Count ``evaluations`` done inside compiled code."""
+    """Count ``evaluations`` done inside compiled code; raises if the budget is spent."""
     run.work.add("residual_evaluations", evaluations)
     most = run.work.max_evaluations
     if most is not None and run.work.tally["residual_evaluations"] > most:

@@ -1,8 +1,8 @@
 """``ida(form=ggl|index1|integrated|index2|index3)``: SUNDIALS' IDA through scikit-sundae, variable-order BDF for DAEs.
 
-IDA here has no switch that leaves algebraic variables out of its error test: multipliers get a huge absolute tolerance
-(:data:`solvers.forms.MASKED`) or, in the form integrated, are replaced by their integrals.  The velocities stay in the test:
-index3 therefore fails, or crawls, at any but loose tolerances.  IDA is driven one internal step at a time, since a two-point
+scikit-sundae has no switch to leave algebraic variables out of the error test: multipliers get a huge absolute tolerance
+(:data:`solvers.forms.MASKED`) or, in the form integrated, are replaced by their integrals.  Velocities stay in the test, so
+index3 fails or takes tiny steps except at loose tolerances.  IDA is driven one internal step at a time, since a two-point
 solve loses all steps when it fails and ignores ``max_num_steps``.
 """
 
@@ -25,13 +25,13 @@ KNOWN = {"form": ("ggl", "index1", "integrated", "index2", "index3")}
 
 
 class IDASolver(Adapter):
-    """IDA on one DAE form, with the form's exact Jacobian."""
+    """IDA for one DAE form, with the form's exact Jacobian."""
 
     library: ClassVar[str] = "scikit-sundae"
     installed: ClassVar[bool] = IDA is not None
 
     def drive(self, run: Run) -> None:
-        """One IDA, stepped to the end."""
+        """Step one IDA to the end of the run."""
 
         def residual(t: float, y: Any, yp: Any, result: Any) -> None:
             result[:] = run.residual(t, y, yp)

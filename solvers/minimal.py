@@ -1,7 +1,7 @@
-"""``minimal(solver=scipy|cvode|hht, ...)``: a solver of ODEs on a problem's minimal coordinates, seen in its own.
+"""``minimal(solver=scipy|cvode|hht, ...)``: an ODE solver on a problem's minimal coordinates, as a fair comparison.
 
-Who can write a mechanism down by as many coordinates as it has freedoms needs no method for constraints, and no constraint
-drifts; the comparison with the others would be unfair without it.  The multipliers are those of the acceleration level.
+A mechanism described by as many coordinates as degrees of freedom needs no method for constraints, and none drifts.
+Solutions are given in the problem's own coordinates, with multipliers of the acceleration level.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from solvers._ending import OwnMultipliers, solution_of
 from solvers._start import Failure, Place, dynamics_for
 
 INNER: dict[str, Callable[..., Any]] = {"scipy": scipy_ivp.solver, "cvode": cvode.solver, "hht": hht.solver}
-REMEMBERED = 16  # problems whose coordinates are kept with what is traced of them
+MAX_REMEMBERED = 16  # problems whose coordinates and traced functions are cached
 
 
 @dataclass(frozen=True)
 class MinimalSolver:
-    """A solver on minimal coordinates; solutions hold the problem's own."""
+    """An ODE solver on minimal coordinates; solutions are in the problem's own coordinates."""
 
     name: str
     inner: Solver
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
-        """Declines problems whose minimal coordinates nobody has written down."""
+        """Reason why a request is declined (no minimal coordinates, array atol, ...), or None."""
         if problem.minimal is None:
             return "no minimal coordinates are written down for this problem"
         if request.calc_initcond:
@@ -48,7 +48,7 @@ class MinimalSolver:
         return self.inner.accepts(_reduced(problem.minimal, problem.t_span, problem.name), request)
 
     def solve(self, problem: Problem, request: Request) -> Solution:
-        """Integrate, embed every row, find its multipliers."""
+        """Integrate, convert every row to the problem's coordinates, and recover multipliers."""
         if problem.minimal is None:
             raise ProblemError(f"{problem.name}: {self.accepts(problem, request)}.")
         found = self.inner.solve(_reduced(problem.minimal, problem.t_span, problem.name), request)
@@ -75,30 +75,30 @@ class MinimalSolver:
         self.solve(problem, short)
 
     def evaluates(self, problem: Problem) -> tuple[str, Problem]:
-        """What one of its residual evaluations is, of the problem in minimal coordinates."""
+        """Kind of one residual evaluation, and the problem it is of, in minimal coordinates."""
         if problem.minimal is None:
             raise ProblemError(f"{problem.name} has no minimal coordinates.")
-        inner: Any = self.inner  # those of INNER tell it
+        inner: Any = self.inner  # all of INNER have ``evaluates``
         found: tuple[str, Problem] = inner.evaluates(_reduced(problem.minimal, problem.t_span, problem.name))
         return found
 
 
 @dataclass
 class _Seen:
-    """The constrained system at the rows of a solution, as :func:`~solvers._ending.solution_of` wants it."""
+    """The constrained system and counters that :func:`~solvers._ending.solution_of` needs."""
 
     dynamics: Dynamics
     work: Work
 
 
-@functools.lru_cache(REMEMBERED)
+@functools.lru_cache(MAX_REMEMBERED)
 def _coordinates(make: Callable[[], MinimalCoordinates]) -> MinimalCoordinates:
     return make()
 
 
-@functools.lru_cache(REMEMBERED)
+@functools.lru_cache(MAX_REMEMBERED)
 def _reduced(make: Callable[[], MinimalCoordinates], t_span: tuple[float, float], name: str) -> Problem:
-    """The problem that the solver of ODEs sees."""
+    """The problem in minimal coordinates."""
     found = _coordinates(make)
     q0, v0 = np.asarray(found.s0, dtype=float), np.asarray(found.u0, dtype=float)
     fastest = float(np.max(np.abs(v0), initial=1.0))
@@ -106,15 +106,15 @@ def _reduced(make: Callable[[], MinimalCoordinates], t_span: tuple[float, float]
     return Problem(name=f"{name}, minimal coordinates", system=found.system, t_span=t_span, q0=q0, v0=v0, scales=scales)
 
 
-@functools.lru_cache(REMEMBERED)
+@functools.lru_cache(MAX_REMEMBERED)
 def _embedding(make: Callable[[], MinimalCoordinates]) -> Any:
-    """(s, u), (k, d) each -> (q, v), (k, n) each."""
+    """Compiled map (s, u), (k, d) each -> (q, v), (k, n) each."""
     embed = _coordinates(make).embed
     return jax.jit(jax.vmap(lambda s, u: jax.jvp(embed, (s,), (u,))))
 
 
 def _embedded(make: Callable[[], MinimalCoordinates], s: Matrix, u: Matrix) -> list[Matrix]:
-    """q and v, (k, n) each, of s and u, (k, d) each; lengths are rounded up, so that few are compiled."""
+    """q and v, (k, n) each, from s and u, (k, d) each; k is padded to powers of two, so that few shapes are compiled."""
     room = (1 << (len(s) - 1).bit_length()) - len(s)
     padded = (np.pad(rows, ((0, room), (0, 0)), mode="edge") for rows in (s, u))
     return [np.array(rows)[: len(s)] for rows in _embedding(make)(*padded)]

@@ -1,9 +1,9 @@
 """``projected(method=DOP853|Tsit5|RK45|RK23)``: explicit methods on the underlying ODE, projected after every step.
 
-The integration of the underlying ODE drifts off the constraints; here every accepted state is moved back onto both levels,
-by the smallest change in the metric of the mass matrix, as E. Hairer, G. Wanner, Solving Ordinary Differential Equations II,
-Springer 1996, section VII.2, describes.  The steps are SciPy's, by its classes or, where the system's functions are machine
-code, the same in a compiled loop; but one that the projection moves as only a jump of a given velocity does is rejected.
+Integration of the underlying ODE drifts off the constraints; here every accepted state is projected onto both levels, by the
+smallest change in the norm of the mass matrix: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II,
+Springer 1996, section VII.2.  Steps are SciPy's, by its classes or, for systems in machine code, in an equal compiled loop;
+but a step that the projection moves as far as only a jump of a prescribed velocity does is rejected.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ class ProjectedSolver(SciPySolver):
     """An explicit Runge-Kutta method whose states satisfy both levels of the constraints."""
 
     library: ClassVar[str] = "scipy"
-    interpolates: ClassVar[bool] = False  # SciPy's polynomial ends where the step was before it was moved
+    interpolates: ClassVar[bool] = False  # SciPy's interpolant ends at the step before its projection
     engine: str = "compiled"
 
     def drive(self, run: Run) -> None:
-        """The compiled loop, or SciPy's steps in Python: those that were asked for, or where the former cannot be."""
+        """Run the compiled loop, or SciPy's steps in Python if these are asked for or the system cannot be machine code."""
         if self.engine == "compiled":
             try:
                 steps = CompiledSteps(run, self.method)
@@ -48,7 +48,7 @@ class ProjectedSolver(SciPySolver):
         return self._in_python(run)
 
     def _in_python(self, run: Run) -> None:
-        """One solver object, stepped to the end, its state replaced by the projected one."""
+        """Step one SciPy solver to the end, replacing its state by the projected one."""
         projection = Onto(run)
         solver = self._stepper(run, run.t0, projection.of(run.t0, run.start.y), run.t1)
         while run.unfinished():
@@ -61,7 +61,7 @@ class ProjectedSolver(SciPySolver):
 
 
 class Onto:
-    """Both levels of the constraints of a run, onto which states (2n,) are moved."""
+    """Projection of states (2n,) onto both constraint levels in a run."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -73,14 +73,14 @@ class Onto:
             return y
         scales, t = self.run.problem.scales, self.run.time(t)
         q, v = self._projection.nearest(t, *self.run.form.state(y))
-        sizes = np.maximum(scales.q, np.abs(q))  # constraints carry the roundoff of what they are made of
+        sizes = np.maximum(scales.q, np.abs(q))  # constraints carry the roundoff of q
         if not np.max(self._projection.levels.at(t, q, v).scaled_position(sizes), initial=0.0) <= PROJECTED:
             raise Halt(Status.newton_failed, f"the projection does not converge at t = {exact(t)}")
         return np.concatenate([q, v])
 
 
 def _projected_step(run: Run, solver: Any, projection: Onto) -> Vector:
-    """The state (2n,) after the next step that the projection does not move far, as the compiled loop makes it."""
+    """The state (2n,) after the next step whose projection is not a jump; same rule as in the compiled loop."""
     rejected = False
     while True:
         slope = solver.f
@@ -97,7 +97,7 @@ def _projected_step(run: Run, solver: Any, projection: Onto) -> Vector:
 
 
 def _moved_far(solver: Any, y: Vector, h: float) -> bool:
-    """As :func:`~solvers.explicit.march.moved_far`, of the step to ``solver.y`` and the state ``y`` that it became."""
+    """:func:`~solvers.explicit.march.moved_far` for the step to ``solver.y`` and its projection ``y``."""
     moved, n, rtol = np.abs(y - solver.y), y.size // 2, solver.rtol
     scale = solver.atol + rtol * np.maximum(np.abs(solver.y_old), np.abs(solver.y))
     far = np.any(moved > min(max(FAR, NOISE / rtol), TENTH / rtol) * scale)

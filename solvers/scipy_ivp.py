@@ -1,6 +1,6 @@
 """``scipy(method=Radau|BDF|LSODA|DOP853)``: SciPy's solver classes on the underlying ODE, stepped one by one.
 
-``solve_ivp`` returns nothing of a run that raises, and keeps no budget.
+``solve_ivp`` is not used: it returns nothing if a function raises, and has no budgets.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from solvers._adapter import Adapter, choose
 from solvers._run import Halt, Run
 
 KNOWN = {"method": ("Radau", "BDF", "LSODA", "DOP853"), "form": ("ode",)}
-SMALLEST_RTOL = 100 * float(np.finfo(np.float64).eps)  # SciPy raises smaller ones to this, with a warning
+MIN_RTOL = 100 * float(np.finfo(np.float64).eps)  # SciPy raises smaller ones to this, with a warning
 
 
 class SciPySolver(Adapter):
-    """One of SciPy's methods; the implicit ones get the form's exact Jacobian."""
+    """One of SciPy's methods; implicit ones get the form's exact Jacobian."""
 
     library: ClassVar[str] = "scipy"
 
@@ -36,9 +36,9 @@ class SciPySolver(Adapter):
             replace(self, method="BDF").warm_up(problem, request)
 
     def drive(self, run: Run) -> None:
-        """One solver object, stepped to the end."""
+        """Step one SciPy solver to the end of the run."""
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="lsoda: ")  # its failures are told by the status
+            warnings.filterwarnings("ignore", message="lsoda: ")  # failures are reported by the status
             solver = self._stepper(run, run.t0, run.start.y, run.t1)
             while run.unfinished():
                 _step(run, solver)
@@ -49,7 +49,7 @@ class SciPySolver(Adapter):
         if self.method != "DOP853":
             options["jac"] = partial(self._jacobian, run)
         method = getattr(integrate, self.method)
-        return method(run.rhs, t0, y0, t1, rtol=max(run.rtol, SMALLEST_RTOL), atol=run.weights, **options)
+        return method(run.rhs, t0, y0, t1, rtol=max(run.rtol, MIN_RTOL), atol=run.weights, **options)
 
     def _jacobian(self, run: Run, t: float, y: Any) -> Any:
         """dy'/dy; LSODA takes only full matrices."""
@@ -58,8 +58,8 @@ class SciPySolver(Adapter):
     def _between(self, run: Run, solver: Any, time: float) -> Any:
         """y at ``time`` within the last step.
 
-        A method of many steps has an interpolant as accurate as its steps.  Those of Radau and DOP853 are less accurate,
-        so a shorter step from the same start takes their place.
+        Multistep methods have an interpolant as accurate as their steps.  Those of Radau and DOP853 are less accurate,
+        so a shorter step from the same start is used instead.
         """
         if self.method in ("BDF", "LSODA"):
             return solver.dense_output()(time)

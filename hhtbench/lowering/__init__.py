@@ -1,8 +1,8 @@
-"""Turns physics into callables: every derived function, by one of several routes with the same values.
+"""Lowering: from a system's equations to fast functions, by one of several routes with the same values.
 
-``derive(system, t, q, v)`` gives a :class:`Dynamics` (JAX or NumPy), ``compile_function`` a function of it as a fast call
-from Python.  Beside it HHT's loops take machine code by its address from ``native``, and
-:mod:`~hhtbench.lowering.compile.loops` makes and loads those loops themselves.
+``derive(system, t, q, v)`` gives a :class:`Dynamics` (JAX or NumPy); ``compile_function`` makes a function of it callable
+from Python, ``native`` gives HHT's loops its machine code by address, and :mod:`~hhtbench.lowering.compile.loops` builds and
+loads those loops themselves.
 """
 
 from importlib import import_module
@@ -58,7 +58,7 @@ __all__ = [
     "unreduced",
 ]
 
-_MODULES = {  # which the solves of most systems do without
+_MODULES = {  # imported on first use, as most solves do not need them
     "scalar_compiler": ("Native", "NotNative", "native"),
     "dynamics.augmented": ("augment",),
     "dynamics.kkt": ("AccelerationLevel",),

@@ -1,4 +1,4 @@
-"""What is kept: values in memory, and where compiled code lies on disk."""
+"""Caches: values in memory, and compiled code on disk."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ import jax
 CHECKSUM = hashlib.sha256().digest_size
 
 
-same = partial(MethodType, id)  #: :func:`by_id` of what is not None
+same = partial(MethodType, id)  #: :func:`by_id` of a value that is not None
 
 
 def by_id(value: Any) -> Hashable:
-    """``value`` as part of a key, compared by identity; the key keeps it, so that its id stays its own.
+    """Wrap ``value`` for a key, so that it is compared by identity and stays alive with the key.
 
-    A bound method: Python hashes and compares those by the identity of their object, and calls no function for it.
+    A bound method: Python hashes and compares these by the identity of their object, without calling a function.
     """
     return None if value is None else same(value)
 
 
 class Cache:
-    """Values by key, at most ``size``: the oldest goes first.  Threads may share it."""
+    """Thread-safe cache of at most ``size`` values by key; the oldest is dropped first."""
 
     def __init__(self, size: int) -> None:
         self._size = size
@@ -40,7 +40,7 @@ class Cache:
         self._lock = threading.Lock()
 
     def find(self, key: Hashable, make: Callable[[], Any]) -> Any:
-        """The value of ``key``, by ``make()`` where there is none; unlocked, since that may run the user's code."""
+        """The value of ``key``, made by ``make()`` if missing, without the lock, as it may call the user's code."""
         with self._lock:
             if key in self._values:
                 return self._values[key]
@@ -51,18 +51,17 @@ class Cache:
             return self._values.setdefault(key, made)
 
     def values(self) -> list[Any]:
-        """All that is kept."""
+        """All values in the cache."""
         with self._lock:
             return list(self._values.values())
 
 
 def private_folder(name: str) -> Path | None:
-    """The folder ``name`` of the cache, which only its owner can write; None where there is none to be trusted.
+    """The folder ``name`` of the cache, which only its owner can write; None if there is none to be trusted.
 
     The cache: ``$HHTBENCH_CACHE``, else ``$XDG_CACHE_HOME/hhtbench``, else ``~/.cache/hhtbench``.
-
-    What lies in it is loaded and run: its protection is the folder's owner and mode.  It is made with mode 0700; one that
-    belongs to somebody else or that others can write is refused with a warning, and nothing is kept then.
+    Its files are loaded and run, so the folder is protected by owner and mode.  It is made with mode 0700; one that
+    belongs to somebody else or that others can write is refused with a warning, and nothing is kept.
     """
     given = os.environ.get
     base = Path(given("HHTBENCH_CACHE") or Path(given("XDG_CACHE_HOME") or Path.home() / ".cache") / "hhtbench")
@@ -79,8 +78,8 @@ def private_folder(name: str) -> Path | None:
 
 
 def _foreign_access(folder: Path) -> str:
-    """Why others may have put code into ``folder``, as a sentence; empty where they cannot."""
-    if not hasattr(os, "geteuid"):  # other systems' folders of a user are private by other means
+    """Sentence on why others could have put code into ``folder``; empty if they could not."""
+    if not hasattr(os, "geteuid"):  # without POSIX modes a user's folders are private by other means
         return ""
     found, remedy = folder.stat(), "set HHTBENCH_CACHE to a folder of your own"
     if found.st_uid != os.geteuid():
@@ -91,10 +90,10 @@ def _foreign_access(folder: Path) -> str:
 
 
 def kept_on_disk(content: bytes, kind: str, make: Callable[[], bytes]) -> bytes:
-    """Machine code of what ``content`` says in full, by ``make()`` where there is none.
+    """Machine code for ``content``, read from disk or made by ``make()`` and stored.
 
-    No key of other kind can tell what a function's value depends on.  A folder that cannot be written and a damaged file,
-    whose checksum does not match, are as good as none.
+    The key is a hash of the full ``content``, as nothing less identifies code.  If the folder cannot be written, or a file's
+    checksum does not match, the code is made again.
     """
     folder = private_folder("native")
     if folder is None:
@@ -106,7 +105,7 @@ def kept_on_disk(content: bytes, kind: str, make: Callable[[], bytes]) -> bytes:
             return data[CHECKSUM:]
     body = make()
     with contextlib.suppress(OSError):
-        handle, temporary = tempfile.mkstemp(dir=folder, prefix=".")  # beside it first: no reader ever sees half a file
+        handle, temporary = tempfile.mkstemp(dir=folder, prefix=".")  # renamed when complete: no reader sees half a file
         try:
             with os.fdopen(handle, "wb") as opened:
                 opened.write(hashlib.sha256(body).digest() + body)
@@ -117,7 +116,7 @@ def kept_on_disk(content: bytes, kind: str, make: Callable[[], bytes]) -> bytes:
 
 
 def use_disk_cache() -> None:
-    """Point JAX's persistent cache to our folder unless the user has chosen one."""
+    """Set JAX's persistent cache to our folder unless the user has chosen one."""
     if getattr(jax.config, "jax_compilation_cache_dir", None) is None and (folder := private_folder("xla")) is not None:
         jax.config.update("jax_compilation_cache_dir", str(folder))
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)

@@ -1,6 +1,6 @@
-"""What CPython has outside of its stable interface, imported here and nowhere else; pyproject.toml bounds Python for it.
+"""CPython functions outside of its stable interface; pyproject.toml bounds the Python version because of them.
 
-:mod:`signal` makes enums of what these return and take, at six microseconds around every call of machine code.
+The functions of :mod:`signal` convert to enums, at six microseconds around every call of machine code.
 """
 
 from __future__ import annotations

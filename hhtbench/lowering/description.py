@@ -1,4 +1,4 @@
-"""``describe``: what a system declares, what therefore is not computed, the route and the linear algebra, with reasons."""
+"""``describe``: a system's declarations, what need not be computed, route and linear algebra, each with its reason."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from hhtbench.lowering.dynamics.products import large, matrix_free
 from hhtbench.protocol.system import DECLARABLE, PHYSICS, NumpySystem, Problem, System, declared
 
 WIDTHS = [None, 32, 52, 52]  # characters a column of the table
-SHOWN = 6  # entries of a parameter array that are shown; of a larger one its shape
+MAX_SHOWN = 6  # entries of a parameter array shown; for a larger one its shape
 
 
 @dataclass(frozen=True)
 class Statement:
-    """One line of a description."""
+    """One line of a description: subject, statement and reason."""
 
     topic: str  #: "declared", "not computed", "computed", "route", "linear algebra" or "size"
     subject: str
@@ -38,7 +38,7 @@ class Statement:
 
 @dataclass(frozen=True, kw_only=True)
 class Description:
-    """What :func:`describe` found."""
+    """Result of :func:`describe`; prints as a table."""
 
     title: str
     statements: tuple[Statement, ...]
@@ -108,11 +108,11 @@ def _shown(value: Any) -> str:
     if not hasattr(value, "shape"):
         return str(value)
     array = np.asarray(value)
-    return np.array2string(array, precision=6, separator=", ") if array.size <= SHOWN else f"array {array.shape}"
+    return np.array2string(array, precision=6, separator=", ") if array.size <= MAX_SHOWN else f"array {array.shape}"
 
 
 def _undeclared(system: System | NumpySystem) -> list[Statement]:
-    """What follows from names alone."""
+    """Statements that follow from what is not declared."""
     absent = {name: declared(system, name) is None for name in PHYSICS}
     rows = []
     if absent["constraint"]:
@@ -148,7 +148,7 @@ def _of_problem(problem: Problem) -> list[Statement]:
 
 
 def _dependencies(dynamics: Dynamics, singular: bool) -> list[Statement]:
-    """What the functions do not depend on is not differentiated."""
+    """Statements on derivatives that are not computed because a function does not depend on an argument."""
     s: Structure = dynamics.structure
     rows = []
     if s.mass == "constant" and not singular:
@@ -174,7 +174,7 @@ def _dependencies(dynamics: Dynamics, singular: bool) -> list[Statement]:
 
 
 def _derivatives(dynamics: Dynamics) -> list[Statement]:
-    """Where the derivatives come from."""
+    """Statements on where each derivative comes from: declared, automatic, or by differences."""
     s: Structure = dynamics.structure
     needed = ["force_jacobians"] if s.force_uses_q or s.force_uses_v else []
     needed += ["constraint_jacobian"] if s.m else []
@@ -230,7 +230,7 @@ ROUTE_TEXTS = {"native": "straight-line machine code by LLVM", "xla": "compiled 
 
 
 def _routes(dynamics: Dynamics, t: float, q: Any, v: Any) -> list[Statement]:
-    """The route of the acceleration level, and of every function of this dynamics that was called before."""
+    """Statements on the route of the acceleration level and of every function of this dynamics called before."""
     if route_of(dynamics) == "numpy":
         return [_route(dynamics.system)]
     s: Structure = dynamics.structure
@@ -278,7 +278,7 @@ def _linear_algebra(dynamics: Dynamics, singular: bool) -> list[Statement]:
 
 
 def _switch(reason: str, name: str) -> str:
-    """``reason`` of a reduction, with the option of HHT that does without it."""
+    """``reason`` for a reduction, followed by the HHT option that switches it off."""
     return f"{reason}; hht(without={name}) does not use it"
 
 

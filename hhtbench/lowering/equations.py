@@ -1,4 +1,4 @@
-"""What a solver from elsewhere needs of a problem: its equations as plain functions, and a Solution of its rows."""
+"""For solvers written elsewhere: a problem's equations as plain functions, and a Solution made of their rows."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from hhtbench.solution.counting import Clock, Work
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import DenseOutput, Solution, Status
 
-POWERS = 12  # of the power iteration: the fastest mode to some percent
-MOVED = 1e-6  # of the scales: how far a state is moved for a difference
+POWER_STEPS = 12  # steps of the power iteration: they give the fastest mode to some percent
+PERTURBATION = 1e-6  # of the state for a difference, relative to the scales
 
 
 class Equations:
-    """The equations of one problem for one solve; every call of :meth:`acceleration` counts.
+    """The equations of one problem for one solve; every call of :meth:`acceleration` is counted.
 
-    Whatever raises :class:`~hhtbench.protocol.errors.Stop` ends the solve: hand it to :meth:`solution` with the rows so far.
+    Any :class:`~hhtbench.protocol.errors.Stop` raised ends the solve: pass it to :meth:`solution` with the rows so far.
 
     Parameters
     ----------
     problem
-        What is to be solved; rows of its constraints that depend on others at the start are left out of the equations.
+        The problem; constraint rows that depend on others at the start are left out of the equations.
     request
-        Its budgets (``max_evaluations``, ``max_seconds``) are kept, its ``t_eval`` are the rows of the Solution.
+        Its budgets (``max_evaluations``, ``max_seconds``) are enforced, its ``t_eval`` are the rows of the Solution.
 
     Raises
     ------
@@ -101,10 +101,10 @@ class Equations:
         return self._solved(t, q, v).vdot
 
     def fastest_mode(self, at_start: Vector) -> tuple[float, float]:
-        """Size [1/s] and damping, 0 (it swings) to 1 (it decays), of the largest eigenvalue of y' = (v, vdot) at the start.
+        """Magnitude [1/s] and damping ratio (0 oscillates, 1 decays) of the largest eigenvalue of y' = (v, vdot) initially.
 
-        By power iteration, from ``at_start`` (n,), the acceleration there.  A pair of complex eigenvalues turns the vector
-        for ever; the last three vectors tell both: x'' = s x' - p x, where s is their sum and p their product.
+        Power iteration from ``at_start`` (n,), the acceleration there.  A complex pair makes the vector rotate; the last
+        three vectors determine it: x'' = s x' - p x with s the sum and p the product of the pair.
 
         Raises
         ------
@@ -115,13 +115,13 @@ class Equations:
         scale = float(np.max(np.asarray(problem.scales.q)))
 
         def moved(x: Vector) -> Vector:
-            length = MOVED * scale / max(float(np.max(np.abs(x))), 1e-300)
+            length = PERTURBATION * scale / max(float(np.max(np.abs(x))), 1e-300)
             there = self.acceleration(problem.t_span[0], problem.q0 + length * x[:n], problem.v0 + length * x[n:])
             return np.concatenate([x[n:], (there - at_start) / length])
 
         x = np.random.default_rng(0).standard_normal(2 * n)
         before, now = x, moved(x)
-        for _ in range(POWERS - 2):
+        for _ in range(POWER_STEPS - 2):
             size = float(np.linalg.norm(now))
             if size == 0.0 or not math.isfinite(size):
                 return 0.0, 0.0
@@ -133,7 +133,7 @@ class Equations:
         return size, float(abs(largest.real) / size) if size else 0.0
 
     def constraints(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
-        """Both levels: ``g`` (m,), and ``g_t + g_q v`` above ``k`` (m + p,)."""
+        """Both constraint levels: ``g`` (m,), and ``g_t + g_q v`` followed by ``k`` (m + p,)."""
         at = self._levels.at(t, q, v)
         return np.asarray(at.position), np.asarray(at.velocity_drift)
 
@@ -150,7 +150,7 @@ class Equations:
     def solution(
         self, t: Any, q: Any, v: Any, *, stopped: Stop | None = None, message: str = "", **counted: int
     ) -> Solution:
-        """A Solution of the rows at the ends of a solver's steps, the start among them.
+        """A Solution from the rows at the ends of a solver's steps, the start among them.
 
         Rows at the request's ``t_eval`` are interpolated by cubic Hermite polynomials (q from v, v from the accelerations:
         order four), multipliers recovered from the acceleration level; none of this counts as work of the steps.
@@ -160,14 +160,14 @@ class Equations:
         t, q, v
             (k,), (k, n), (k, n): times [s] and states.
         stopped
-            What ended the solve early; None: its end was reached.
+            The :class:`Stop` that ended the solve early; None if its end was reached.
         counted
             Fields of :class:`~hhtbench.Counters` that the solver counts itself; steps and evaluations are known.
 
         Raises
         ------
         ProblemError
-            The rows do not fit together.
+            The shapes of the rows do not match.
         """
         t, q, v = (np.asarray(x, dtype=np.float64) for x in (t, q, v))
         if t.ndim != 1 or q.shape != (t.size, self.n) or v.shape != q.shape:
@@ -197,7 +197,7 @@ class Equations:
         )
 
     def _levels_at(self, t: Vector, q: Matrix, v: Matrix) -> tuple[Matrix, Matrix, Matrix, Stop | None]:
-        """Accelerations and multipliers of the rows, up to the first where there are none, and why."""
+        """Accelerations and multipliers of the rows, up to the first that has none, and the reason for that."""
         found, stopped = [], None
         for row in zip(t, q, v, strict=True):
             try:
@@ -212,7 +212,7 @@ class Equations:
     def _output(
         self, asked: Vector, t: Vector, q: Matrix, v: Matrix, dense: Hermite | None
     ) -> tuple[Vector, Matrix, Matrix]:
-        """The rows at those of the times ``asked`` that were reached."""
+        """States interpolated at the times ``asked`` that were reached."""
         if t.size == 0:
             return t, q, v
         forward = self.problem.t_span[1] >= self.problem.t_span[0]
@@ -234,7 +234,7 @@ class Equations:
         return found
 
     def _all_of(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector, Vector]:
-        """``vdot`` (n,), ``lam`` (m,), ``mu`` (p,) with those of redundant rows."""
+        """``vdot`` (n,), ``lam`` (m,), ``mu`` (p,), redundant rows included."""
         found = self._solved(t, q, v)
         if self._dynamics is self._whole:
             return found.vdot, found.lam, found.mu
@@ -244,12 +244,12 @@ class Equations:
 
 
 class Undetermined(Stop):
-    """The equations determine no acceleration."""
+    """Raised where the equations determine no acceleration."""
 
 
 @dataclass(frozen=True)
 class Hermite:
-    """Cubic Hermite polynomials between the ends ``t`` (k,) of steps: of order four."""
+    """Cubic Hermite interpolation between the ends ``t`` (k,) of steps; order four."""
 
     t: Vector
     of_q: CubicHermiteSpline
@@ -257,13 +257,13 @@ class Hermite:
 
     @classmethod
     def of(cls, t: Vector, q: Matrix, v: Matrix, vdot: Matrix) -> Hermite:
-        """From at least two rows of states and accelerations, (k, n) each."""
+        """Build it from at least two rows of states and accelerations, (k, n) each."""
         order = slice(None) if t[-1] > t[0] else slice(None, None, -1)
         x = t[order]
         return cls(t, CubicHermiteSpline(x, q[order], v[order]), CubicHermiteSpline(x, v[order], vdot[order]))
 
     def __call__(self, t: Any) -> DenseOutput:
-        """``q, v`` (n,) at one time, (k, n) at k times.  Times outside the steps are refused."""
+        """``q, v`` (n,) at one time, (k, n) at k times.  Raises ProblemError outside the steps."""
         low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
         if not np.all((np.asarray(t) >= low) & (np.asarray(t) <= high)):
             raise ProblemError(f"the solution covers [{exact(low)}, {exact(high)}] s; it is not extrapolated.")

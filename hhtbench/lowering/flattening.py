@@ -1,4 +1,4 @@
-"""A pytree taken apart: parameters as one vector, and what selects the compiled code of its functions."""
+"""Flatten a pytree: parameters as one vector, and a key that selects the compiled code of its functions."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Flat(NamedTuple):
 
 
 def flat_function(function: Callable[Concatenate[Tree, ...], Any], tree: Tree, *static: Hashable) -> Flat:
-    """``function(tree, *static, *arrays)`` taken apart."""
+    """``function(tree, *static, *arrays)`` as a function of the flattened parameters and the arrays."""
     parts: _Flattened = _flattened.find(by_id(tree), lambda: _flatten(tree))
 
     def of_parameters(flat: Any, *arguments: Any) -> Any:
@@ -46,14 +46,14 @@ def flat_function(function: Callable[Concatenate[Tree, ...], Any], tree: Tree, *
 
 
 def jitted(flat: Flat) -> Any:
-    """``jax.jit`` of a flat function, one for all equal keys: they share traces and compiled code."""
+    """``jax.jit`` of a flat function, shared by equal keys."""
     return _jitted.find(flat.key, lambda: jax.jit(flat.function))
 
 
 def _flatten(tree: Any) -> _Flattened:
-    """All arrays of ``tree`` as one vector, and the way back.
+    """All arrays of ``tree`` as one vector, and the inverse of that.
 
-    For float64 arrays by NumPy: ``ravel_pytree`` compiles the concatenation, 30 ms for every system.
+    By NumPy for float64 arrays: ``ravel_pytree`` compiles the concatenation, 30 ms for every system.
     """
     arrays, rest = eqx.partition(tree, eqx.is_inexact_array)
     key = _signature(arrays), _signature(rest)

@@ -1,6 +1,6 @@
-"""What JAX has outside of its stable interface, imported here and nowhere else; pyproject.toml bounds JAX for it.
+"""JAX functions outside of its stable interface; pyproject.toml bounds the JAX version because of them.
 
-The same bound holds for what the rules of the scalar compiler know: names and parameters of primitives.
+The bound also holds for names and parameters of primitives in the rules of the scalar compiler.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ __all__ = ["ClosedJaxpr", "Literal", "Primitive", "ad", "batching", "line_of", "
 
 
 def used_inputs(jaxpr: Any) -> Sequence[bool]:
-    """For each input, whether any output depends on it: dead code removed."""
+    """For each input, whether any output depends on it (dead code removed)."""
     _, used = partial_eval.dce_jaxpr(jaxpr, [True] * len(jaxpr.outvars))
     return used
 
 
 def line_of(equation: Any) -> str:
-    """The user's line that made ``equation``; "" where a library made it."""
+    """The user's line that made ``equation``; "" if a library made it."""
     return str(source_info_util.summarize(equation.source_info) or "")

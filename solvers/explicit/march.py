@@ -1,9 +1,9 @@
-"""The loop over steps of an explicit Runge-Kutta method, compiled: stages, projection, error, control, rows of output.
+"""Compiled loop of an explicit Runge-Kutta method: stages, projection, error control, output rows.
 
-Steps are SciPy's: its error norms, its controller and its first step, so that both can be compared step by step; the error
-is that of the step before its projection.  Where a prescribed motion has a kink the stages see nothing of it and their error
-is none: there a step is rejected by how far its projection moves it.
-Accelerations come from the same machine code as HHT's, by its memory.
+Error norms, controller and first step are SciPy's, so that both can be compared step by step; the error
+is that of the step before its projection.  Stages do not notice a kink of a prescribed motion and estimate no error:
+such a step is rejected by how far the projection moves it.
+Accelerations come from the same machine code as HHT's, through the same memory.
 """
 
 from __future__ import annotations
@@ -20,45 +20,45 @@ from solvers.kernel.memory import Memory
 from solvers.kernel.projection import onto_constraints
 from solvers.kernel.sections import address, call, finite, indices, part, put, view, weighted_rms
 
-SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # of the controller: as SciPy
-FAR, TENTH = 100.0, 0.1  # of tolerances and of the size: at rtol <= 1e-3 the library's smooth problems reach half of it
-NOISE = 1e-9  # of the size: moves that may be roundoff of constraints whose constants are large
-SPACINGS = 10.0  # of floating-point times: what is shorter is no step
+SAFETY, SHRINK, GROWTH = 0.9, 0.2, 10.0  # constants of SciPy's controller
+FAR, TENTH = 100.0, 0.1  # projections further than so many tolerances, or sizes, are jumps; smooth problems reach half
+NOISE = 1e-9  # relative moves up to which a projection may be roundoff of constraints with large constants
+SPACINGS = 10.0  # shortest step in spacings of floating-point times
 
 called = entries(Path(__file__).with_name("compiled"), *KERNEL, Path(__file__))
 
 
 class Method(NamedTuple):
-    """An embedded Runge-Kutta method of s stages; its last slope, at the end of the step, is the next step's first."""
+    """An embedded Runge-Kutta method of s stages, first same as last (FSAL)."""
 
     a: FloatMatrix  #: (s, s)
     b: FloatArray  #: (s,)
     c: FloatArray  #: (s,)
     errors: FloatMatrix  #: (2, s + 1) weights of the slopes in the error, and in a second estimate or zero
-    exponent: float  #: of the error in the controller
+    exponent: float  #: exponent of the error in the controller
 
 
 class Room(NamedTuple):
-    """What a run keeps beside the memory, where RTOL and ATOL are given and the state y = [q; v] is Q and V."""
+    """Work arrays of a run beside the kernel's memory, which holds RTOL, ATOL and the state y = [q; v] as Q and V."""
 
-    slopes: FloatMatrix  #: (s + 1, 2n) of the stages and of the end
-    stage: FloatArray  #: (2n,) at the stages, and at the end before the projection
-    end: FloatArray  #: (2n,) of the step that was accepted, while rows inside it are found
-    mass: FloatArray  #: (n*n,)
-    sizes: FloatArray  #: (2n,) typical ones of q and v, by which violations are measured
-    times: FloatArray  #: [s]: the problem's at the loop's 0 and at its stop
-    progress: IntArray  #: STEPS and ROWS of one call, OUTPUTS: evaluations for these, and whether ...
+    slopes: FloatMatrix  #: (s + 1, 2n) y' at the stages and at the end
+    stage: FloatArray  #: (2n,) y at a stage, and at the end before the projection
+    end: FloatArray  #: (2n,) y at the accepted step's end, while rows inside it are computed
+    mass: FloatArray  #: (n*n,) mass matrix
+    sizes: FloatArray  #: (2n,) typical sizes of q and v, by which violations are measured
+    times: FloatArray  #: (2,) the problem's times [s] at the loop's 0 and at its stop
+    progress: IntArray  #: STEPS and ROWS of one call, OUTPUTS: evaluations for rows, and flags:
 
 
-# ... rows are of output times, the first step is chosen, and the last step still lacks rows.
+# OF_TIMES: rows at output times; BEGUN: the first step is chosen; PENDING: the last step still lacks rows.
 STEPS, ROWS, OUTPUTS, OF_TIMES, BEGUN, PENDING = range(6)
 
 
 @called
 def march(z: Memory, k: Method, o: Room, stop: float, most: int, asked: FloatArray, rows: FloatMatrix) -> Any:
-    """At most ``most`` more steps towards ``stop`` [s] with their ``rows`` [t, y], as far as there is room; how it ended.
+    """Take at most ``most`` steps towards ``stop`` [s], writing ``rows`` [t, y] while there is room; the ending code.
 
-    A row for every step; where the problem has output times only for those ``asked`` for, in the direction of the motion.
+    One row per step, or only at the times ``asked``, which are ordered in the direction of the motion.
     """
     number, made, size = part(z, mem.NUMBER), o.progress, 2 * z.i[mem.N]
     y, end, counts = view(z.w, z.i[2 * mem.Q], size), part(z, mem.END)[:size], indices(z, mem.COUNTED)
@@ -94,11 +94,11 @@ def march(z: Memory, k: Method, o: Room, stop: float, most: int, asked: FloatArr
 
 @compiled
 def begin(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
-    """The slope at the start and the length of the first step, as section II.4 of Hairer, Norsett, Wanner; how it ended."""
+    """Slope at the start and length of the first step, Hairer, Norsett, Wanner section II.4; returns the ending code."""
     size, control, scale = o.stage.size, part(z, mem.CONTROL), part(z, mem.WEIGHTS)
     y, rtol, atol, slopes = view(z.w, z.i[2 * mem.Q], size), part(z, mem.RTOL), part(z, mem.ATOL), o.slopes
     put(part(z, mem.END), 0, y)
-    if projected(z, o, o.times[0]) == mem.CONVERGED:  # what a start may be off is no jump
+    if projected(z, o, o.times[0]) == mem.CONVERGED:  # the violation of a start is no jump
         put(y, 0, part(z, mem.END)[:size])
     ended = slope(z, slopes[0], o.times[0], y, counts)
     if ended != mem.CONVERGED:
@@ -125,7 +125,7 @@ def begin(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
 
 @compiled
 def keep(o: Any, rows: Any, t: Any, y: Any) -> None:
-    """Write the next row."""
+    """Write (t, y) to the next row."""
     row = rows[o.progress[ROWS]]
     row[0] = t
     put(row, 1, y)
@@ -134,7 +134,7 @@ def keep(o: Any, rows: Any, t: Any, y: Any) -> None:
 
 @compiled
 def rows_inside(z: Any, k: Any, o: Any, stop: Any, asked: Any, rows: Any, counts: Any) -> Any:
-    """Rows at the times within the accepted step, each by a shorter step from its start: as accurate as the step."""
+    """Compute rows at output times within the accepted step, each by a shorter step from its start: as accurate."""
     t, t1, made, end = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)[mem.T_END], o.progress, part(z, mem.END)
     while made[ROWS] < min(rows.shape[0], asked.size) and abs(asked[made[ROWS]]) <= abs(t1):
         time = asked[made[ROWS]]
@@ -154,7 +154,7 @@ def rows_inside(z: Any, k: Any, o: Any, stop: Any, asked: Any, rows: Any, counts
 
 @compiled
 def controlled(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
-    """Steps from the one proposed to shorter ones until the error of one is below 1."""
+    """Attempt steps, shorter each time, until the error of one is below 1; returns the ending code."""
     control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
     least = SPACINGS * spacing(abs(t))
     length, rejected, failed = max(control[mem.H_NEXT], least), False, mem.NO_ADVANCE
@@ -170,7 +170,7 @@ def controlled(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
         size = error_size(z, k, o, h) if ended == mem.CONVERGED else math.inf
         if size < 1.0 and moved_far(z, o, h):
             size = math.inf
-        if not size < math.inf:  # NaN too, where squares of the error are no numbers any more
+        if not size < math.inf:  # also NaN, where squares of the error overflow
             size = math.inf
         factor = SAFETY * size**k.exponent if size > 0.0 else GROWTH
         if size < 1.0:
@@ -185,7 +185,7 @@ def controlled(z: Any, k: Any, o: Any, stop: Any, counts: Any) -> Any:
 
 @compiled
 def attempt(z: Any, k: Any, o: Any, h: Any, t1: Any, counts: Any) -> Any:
-    """How a step of h [s] to the problem's t1 ended; y there and its slope are in END and the last of the slopes."""
+    """Attempt a step of h [s] to the problem's t1: y into END, its slope last; returns the ending code."""
     ended = stages(z, k, o, h, counts)
     if ended == mem.CONVERGED:
         put(o.stage, 0, part(z, mem.END)[: o.stage.size])
@@ -195,7 +195,7 @@ def attempt(z: Any, k: Any, o: Any, h: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def stages(z: Any, k: Any, o: Any, h: Any, counts: Any) -> Any:
-    """The slopes of all stages but the first, and y at the end of a step of h [s] before its projection, into END."""
+    """Compute the slopes of all stages but the first, and y at the step's end before its projection, into END."""
     size, y, end = o.stage.size, view(z.w, z.i[2 * mem.Q], o.stage.size), part(z, mem.END)
     t = part(z, mem.NUMBER)[mem.T] + o.times[0]
     for s in range(1, k.b.size):
@@ -227,7 +227,7 @@ def advanced(o: Any, weights: Any, count: Any, y: Any, h: Any, to: Any) -> None:
 
 @compiled
 def slope(z: Any, to: Any, t: Any, y: Any, counts: Any) -> Any:
-    """Put y' = [v; v'] at the problem's t [s] and y into ``to``; how that ended."""
+    """Put y' = [v; v'] at the problem's time t [s] and y into ``to``; returns the ending code."""
     n, constraints, place, at = z.i[mem.N], z.i[mem.M] + z.i[mem.P], part(z, mem.PLACE), address(z, mem.PLACE)
     if counts[mem.RESIDUALS] >= z.i[mem.EVALUATIONS]:
         return mem.SPENT
@@ -250,13 +250,13 @@ def slope(z: Any, to: Any, t: Any, y: Any, counts: Any) -> Any:
 
 @compiled
 def clock(o: Any, stop: Any, t: Any) -> Any:
-    """The problem's time [s] at ``t``."""
+    """The problem's time [s] at ``t`` of the loop, which starts at 0."""
     return o.times[1] if t == stop else o.times[0] + t
 
 
 @compiled
 def error_size(z: Any, k: Any, o: Any, h: Any) -> Any:
-    """The error of the attempt over the tolerances; of two estimates as Hairer, Norsett, Wanner, section II.10."""
+    """Error of the attempt over the tolerances; two estimates combine as in Hairer, Norsett, Wanner, section II.10."""
     scale, a, b = part(z, mem.WEIGHTS), 0.0, 0.0
     for j in range(scale.size):
         first = second = 0.0
@@ -272,9 +272,9 @@ def error_size(z: Any, k: Any, o: Any, h: Any) -> Any:
 
 @compiled
 def moved_far(z: Any, o: Any, h: Any) -> Any:
-    """Whether the projection has moved the step as only a jump of the prescribed motion does, and the step can be shorter.
+    """True if the projection moved the step as only a jump of a prescribed motion does, and a shorter step can help.
 
-    That is q or v by more than ``FAR`` tolerances or a ``TENTH`` of its size, and q, or v for the time h, by more than the
+    That is q or v by more than ``FAR`` tolerances or a ``TENTH`` of its size, and q, or h times v, by more than the
     tolerance of q.  v itself jumps by the impulse however short the step is.
     """
     n, end, scale, far, seen = z.i[mem.N], part(z, mem.END), part(z, mem.WEIGHTS), False, False
@@ -289,9 +289,9 @@ def moved_far(z: Any, o: Any, h: Any) -> Any:
 
 @compiled
 def projected(z: Any, o: Any, t: Any) -> Any:
-    """Move y in END onto both levels at the problem's t [s]; how that ended."""
+    """Project y in END onto both constraint levels at the problem's time t [s]; returns the ending code."""
     place, end, accepted = part(z, mem.PLACE), part(z, mem.END), view(z.w, z.i[2 * mem.Q], o.sizes.size)
-    for j in range(o.sizes.size):  # constraints carry the roundoff of what they are made of
+    for j in range(o.sizes.size):  # constraints carry the roundoff of q and v
         o.sizes[j] = max(o.sizes[j], abs(accepted[j]))
     place[0] = t
     put(place, 1, end[: o.end.size])

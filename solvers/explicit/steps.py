@@ -1,4 +1,4 @@
-"""``CompiledSteps``: one solve by the compiled loop, seen from Python: the memory, how a call ended, the rows."""
+"""``CompiledSteps``: one solve by the compiled explicit loop: its memory, calls, and rows."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from solvers.kernel.full import Places
 from solvers.kernel.kkt import acceleration_level, places_of
 from solvers.kernel.memory import copied, integer_view, view
 
-FIRST, MOST = 64, 65_536  # steps or rows of one call: fewer at first, so that one that is slow can be interrupted
-SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are checked between
+FIRST_CALL, MAX_CALL = 64, 65_536  # steps or rows of one call: few at first, so that slow ones can be interrupted
+MAX_CALL_TIME = 0.05  # [s] of one call: budgets and the user's interrupt are checked between calls
 UNLIMITED = 2**62
-LEAST_RTOL = 3e-14  # SciPy's methods take no smaller one
+MIN_RTOL = 3e-14  # as in SciPy's methods
 NOTHING = np.zeros(0)
 
 _known = Cache(16)
 
 
 class CompiledSteps:
-    """Steps of the method ``name`` in the run ``run``, whose functions are machine code.
+    """Integrate ``run`` in the compiled loop by the explicit Runge-Kutta method ``name``.
 
     Raises
     ------
     NotNative
-        They cannot be.
+        The functions cannot be machine code.
     """
 
     def __init__(self, run: Run, name: str) -> None:
@@ -53,7 +53,7 @@ class CompiledSteps:
         shapes = (), (s.n,), (s.n,), (s.m,), (s.p,)
         looked_at = self.callbacks.entry(partial(acceleration_level, run), 1 + s.n + s.m + s.p, shapes)
         z.i[mem.C_ACCELERATION] = looked_at
-        view(z, mem.RTOL)[:], view(z, mem.ATOL)[:] = max(run.rtol, LEAST_RTOL), run.weights
+        view(z, mem.RTOL)[:], view(z, mem.ATOL)[:] = max(run.rtol, MIN_RTOL), run.weights
         self.room = Room(
             slopes=np.zeros((method.b.size + 1, size)),
             stage=np.zeros(size),
@@ -68,8 +68,8 @@ class CompiledSteps:
         self.y[:] = run.start.y
 
     def drive(self) -> None:
-        """From the start to the end of the interval."""
-        run, count = self.run, FIRST
+        """Take steps from the start to the end of the interval."""
+        run, count = self.run, FIRST_CALL
         run.tells_no_steps()
         asked = NOTHING if run.wanted is None else run.wanted[run.wanted != run.t0]  # those of the start are there
         self.room.progress[OF_TIMES] = run.wanted is not None
@@ -83,10 +83,10 @@ class CompiledSteps:
             run.accept_many(made, t, self.y, rows[:found])
             self._checked(ended)
             each = (time.perf_counter() - began) / max(made, found, 1)
-            count = int(min(8 * count, MOST, max(SLOW / each, 1.0)))
+            count = int(min(8 * count, MAX_CALL, max(MAX_CALL_TIME / each, 1.0)))
 
     def advance(self, steps: int, asked: Vector, rows: Matrix) -> int:
-        """How one call of :func:`~solvers.explicit.march.march` ended; its work is counted."""
+        """Call :func:`~solvers.explicit.march.march` once and count its work; returns the ending code."""
         work = self.run.work
         limit = work.max_evaluations
         self.z.i[mem.EVALUATIONS] = UNLIMITED if limit is None else limit - work.tally["residual_evaluations"]
@@ -97,7 +97,7 @@ class CompiledSteps:
         return ended
 
     def _count(self) -> None:
-        """Count the work of the loops since the last call."""
+        """Add the loops' counts since the last call to the run's."""
         work, counts = self.run.work, self._counts
         work.add("residual_evaluations", int(counts[mem.RESIDUALS]))
         work.add("nonfinite_evaluations", int(counts[mem.NONFINITES]))
@@ -105,7 +105,7 @@ class CompiledSteps:
         counts[:] = 0
 
     def _checked(self, ended: int) -> None:
-        """Raise what a call noted, or why it ended before it was done."""
+        """Raise an exception noted during a call, or the failure with ending code ``ended``."""
         cause = self.callbacks.take_cause()
         if cause is not None:
             raise cause
@@ -124,7 +124,7 @@ class CompiledSteps:
 
 
 def _places(dynamics: Dynamics) -> Places:
-    """Projection of places onto the constraints.
+    """Compiled projection of states onto the constraints.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The methods by name, as SciPy's solver classes: their coefficients serve the compiled loop too."""
+"""Explicit Runge-Kutta methods by name, as SciPy's solver classes, and their coefficients for the compiled loop."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solvers.explicit.march import Method
 class Tsit5(integrate.RK45):
     """Ch. Tsitouras, Computers and Mathematics with Applications 62 (2011) 770-775; without his interpolant.
 
-    Order 5, with an error estimate of order 4 and the last stage at the end, as that of Dormand and Prince.
+    Order 5 with an error estimate of order 4, first same as last, as Dormand and Prince's.
     """
 
     C = np.array([0.0, 0.161, 0.327, 0.9, 0.9800255409045097, 1.0])
@@ -45,7 +45,7 @@ CLASSES: dict[str, Any] = {
 
 
 def coefficients(name: str) -> Method:
-    """Those of the method ``name`` for the compiled loop."""
+    """Coefficients of the method ``name`` for the compiled loop."""
     of = CLASSES[name]
     stages = of.n_stages
     a = np.zeros((stages, stages))

@@ -1,7 +1,7 @@
-"""The underlying ODE of larger constrained systems: from the entries of the KKT matrix, never the full one.
+"""The underlying ODE of larger constrained systems, solved by the entries of the KKT matrix, never the full one.
 
-That of any size too where a reaction that depends on v is nonlinear in lam, as the friction of a two-sided guide is:
-(F9) is solved by Newton's iteration, which begins without multipliers, and so is a function of t and y alone.
+Used for systems of any size where a reaction that depends on v is nonlinear in lam, as the friction of a two-sided guide:
+(F9) is solved by Newton's iteration from zero multipliers, so that y' is a function of t and y alone.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from solvers.kernel.acceleration import recover
 from solvers.kernel.kkt import Entries, kkt_of
 from solvers.kernel.memory import view
 
-FILLED = 100  # unknowns of (F9) up to which LAPACK solves for all columns of dy'/dy faster than SuperLU
-TOGETHER = 64  # right-hand sides solved at once: SuperLU passes over all of them again and again, and so they stay in cache
+MAX_DENSE = 100  # unknowns of (F9) up to which LAPACK solves for all columns of dy'/dy faster than SuperLU
+BLOCK = 64  # right-hand sides solved at once by SuperLU: so many stay in cache
 
 Solve = Callable[[float, Vector, Vector], Vector]  # (t, q, v) -> [v'; lam; mu], not finite where (F9) is singular
 
 
 def eliminated_functions(dynamics: Dynamics) -> Functions:
-    """Right-hand side and Jacobian, where the reaction is nonlinear in lam by Newton's iteration on (F9)."""
+    """Right-hand side and Jacobian of the underlying ODE; Newton's iteration where the reaction is nonlinear in lam."""
     eliminated, n = Eliminated(dynamics), dynamics.structure.n
     jacobian: Callable[..., Any]
     if dynamics.structure.linear_reaction:
@@ -57,7 +57,7 @@ def eliminated_functions(dynamics: Dynamics) -> Functions:
 
 
 class Eliminated:
-    """y' of y = [q; v], not finite where (F9) is singular."""
+    """y' as a function of y = [q; v]; not finite where (F9) is singular."""
 
     def __init__(self, dynamics: Dynamics) -> None:
         self.n = dynamics.structure.n
@@ -72,10 +72,10 @@ class Eliminated:
 
 
 class Differentiated:
-    """dy'/dy of y = [q; v]: (F9) differentiated by its unknowns and by y, at once."""
+    """dy'/dy for y = [q; v], by differentiating (F9)."""
 
     def __init__(self, eliminated: Eliminated, products: MatrixFree, full: Callable[[float, Vector], Matrix]) -> None:
-        """``full``: the same by full matrices, for functions whose pattern cannot be read."""
+        """``full``: the Jacobian by full matrices, used where a sparsity pattern cannot be read."""
         self._full = full
         s = products.structure
         self._solve, self._products = eliminated.solve, products
@@ -94,7 +94,7 @@ class Differentiated:
 
     @property
     def native(self) -> bool:
-        """Whether no code of XLA is called; compiles."""
+        """True if no code of XLA is called; compiles."""
         return self._derivative is not None and self._derivative[0].native
 
     @cached_property
@@ -111,12 +111,12 @@ class Differentiated:
         return found, _Places(right, (rows[right], columns[right]), matrix, rows[matrix], of_matrix, starts)
 
     def _solved(self, places: _Places, entries: Vector) -> Matrix:
-        """The derivative of [v'; lam; mu] by y, (N, 2n)."""
+        """Derivative of [v'; lam; mu] by y, (N, 2n)."""
         right = np.zeros((self._size, 2 * self._n), order="F")
         right[places.where] = -entries[places.right]
         if not np.isfinite(entries).all():
             return np.full_like(right, np.nan)
-        if self._size <= FILLED:
+        if self._size <= MAX_DENSE:
             full = np.zeros((self._size, self._size), order="F")
             full[places.rows, places.columns] = entries[places.matrix]
             *_, solution, info = dgesv(full, right, overwrite_a=True, overwrite_b=True)
@@ -125,27 +125,27 @@ class Differentiated:
         matrix: Any = sp.csc_array(compressed, shape=(self._size, self._size))
         try:
             factor = splu(matrix)
-        except RuntimeError:  # SuperLU's word for a pivot of exactly zero
+        except RuntimeError:  # raised by SuperLU for a zero pivot
             return np.full_like(right, np.nan)
-        for first in range(0, right.shape[1], TOGETHER):
-            part = np.s_[:, first : first + TOGETHER]
+        for first in range(0, right.shape[1], BLOCK):
+            part = np.s_[:, first : first + BLOCK]
             right[part] = factor.solve(right[part])
         return right
 
 
 class _Places(NamedTuple):
-    """Which entries of the derivative by [y; v'; lam; mu] are where."""
+    """Positions of the entries of the derivative of (F9) by [y; v'; lam; mu]."""
 
-    right: Indices  #: those by y ...
-    where: tuple[Indices, Indices]  #: ... and their rows and columns
-    matrix: Indices  #: the others, which are the KKT matrix, column by column
-    rows: Indices  #: of these
-    columns: Indices  #: likewise
-    starts: Indices  #: (N + 1,) where the columns begin
+    right: Indices  #: entries of the derivative by y
+    where: tuple[Indices, Indices]  #: their rows and columns
+    matrix: Indices  #: entries of the KKT matrix, column by column
+    rows: Indices  #: rows of these
+    columns: Indices  #: columns of these
+    starts: Indices  #: (N + 1,) start of each column
 
 
 def _in_loops(entries: Entries, dynamics: Dynamics) -> Solve:
-    """(F9) solved by compiled loops; where they find no root, in Python, which looks closer."""
+    """Solver of (F9) by compiled loops; where these find no root, by the more thorough iteration in Python."""
     local, n, linear = _Loops(entries, dynamics), dynamics.structure.n, dynamics.structure.linear_reaction
     closer = _in_python(dynamics)
 
@@ -162,7 +162,7 @@ def _in_loops(entries: Entries, dynamics: Dynamics) -> Solve:
 
 
 class _Loops(threading.local):
-    """Memory of each thread."""
+    """Memory of the compiled loops, one for each thread."""
 
     def __init__(self, entries: Entries, dynamics: Dynamics) -> None:
         z = entries.memory(dynamics)
@@ -173,7 +173,7 @@ class _Loops(threading.local):
 
 
 def _in_python(dynamics: Dynamics) -> Solve:
-    """(F9) solved by LAPACK, or SuperLU where the system is large."""
+    """Solver of (F9) by LAPACK, or SuperLU where the system is large."""
     level = AccelerationLevel(dynamics)
 
     def solve(t: float, q: Vector, v: Vector) -> Vector:

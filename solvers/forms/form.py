@@ -1,4 +1,4 @@
-"""``make_form``: a form of one system as compiled functions, with its packing and error weights."""
+"""``make_form``: one form (F1)-(F9) of a system as compiled functions, with its layout of unknowns and error weights."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from hhtbench.lowering.compile.coloured import Pattern
 
 FORMS = tuple(RECIPES)
-MASKED = 1e8  # atol that takes an entry out of an error test: far above a multiplier times any rtol in use
+MASKED = 1e8  # atol that excludes an entry from an error test: far above any multiplier times rtol
 MULTIPLIERS = ("lam", "mu", "eta")
 _made = Cache(64)  # finding the functions again takes as long as ten calls of them
 
 
 @dataclass(frozen=True)
 class Start:
-    """Consistent start vectors."""
+    """Consistent start vectors y and dy/dt."""
 
     y: Vector  #: (size,)
     yp: Vector  #: (size,) dy/dt; zero for multipliers, whose derivative is in no equation
@@ -54,12 +54,12 @@ def _never(_: bool) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """One form of one system.  The functions return fresh arrays, read-only for JAX systems."""
+    """One form of one system.  Its functions return new arrays, read-only for JAX systems."""
 
     name: str
     kind: str  #: "dae" or "ode"
     size: int  #: number of unknowns
-    blocks: Mapping[str, slice]  #: places of q, v and, where the form has them, lam, mu, eta, Lam, Mu, Eta in y
+    blocks: Mapping[str, slice]  #: slices of q, v and, where the form has them, lam, mu, eta, Lam, Mu, Eta in y
     differential: NDArray[np.bool_]  #: (size,) True where the entry's derivative is in the equations
     multipliers: NDArray[np.bool_]  #: (size,) True for entries that must not be in an error test
     points: int  #: evaluations of F per call of a function; 0 for plain callables, which are counted one by one
@@ -67,8 +67,8 @@ class Form:
     jacobian: Callable[[float, Vector, Vector, float], Matrix] = _no_dae  #: dae: dF/dy + c dF/dyp at (t, y, yp, c)
     rhs: Callable[[float, Vector], Vector] = _no_ode  #: ode: y' (size,) at (t, y); not finite where (F9) is singular
     rhs_jacobian: Callable[[float, Vector], Matrix] = _no_ode  #: ode: dy'/dy (size, size) at (t, y)
-    pattern: Pattern | None = None  #: where there is one, both Jacobians give its entries (entries,) only
-    #: (whether dy'/dy is needed too) -> whether ``rhs`` is faster than code of XLA for (F9), and calls none
+    pattern: Pattern | None = None  #: sparsity; if given, Jacobians return only its entries (entries,)
+    #: (whether dy'/dy is needed too) -> whether ``rhs`` calls no XLA code and is faster than XLA's code of (F9)
     outside: Callable[[bool], bool] = _never
 
     def start(self, q: Vector, v: Vector, vdot: Vector, lam: Vector, mu: Vector) -> Start:
@@ -87,14 +87,14 @@ class Form:
         return Start(y, yp)
 
     def matrix(self, jacobian: Vector | Matrix, *, full: bool = True) -> Any:
-        """The matrix (size, size) of what a Jacobian gives; of a pattern a csc_array where it is not to be ``full``."""
+        """The matrix (size, size) from a Jacobian's values; a csc_array if there is a pattern and not ``full``."""
         if self.pattern is None:
             return jacobian
         found = self.pattern.matrix(jacobian)
         return found.toarray() if full else found.tocsc()
 
     def state(self, y: NDArray[np.float64]) -> State:
-        """Views of q and v in ``y``: (size,), or time first (k, size)."""
+        """Views of q and v in ``y``, (size,) or (k, size)."""
         return State(y[..., self.blocks["q"]], y[..., self.blocks["v"]])
 
     def error_weights(self, atol: Any) -> Vector:
@@ -116,12 +116,12 @@ class Form:
 
 
 def refusal(name: str, structure: Structure) -> str | None:
-    """Why the form does not exist for a system of this structure, or None.
+    """Reason why the form ``name`` does not exist for a system of this structure, or None.
 
     Raises
     ------
     ProblemError
-        There is no form of that name; the text names the closest.
+        There is no form of that name; the message names the closest.
     """
     _check_name(name)
     if not structure.constrained and name not in ("index1", "ode"):
@@ -187,7 +187,7 @@ def _undetermined(name: str, dynamics: Dynamics) -> str | None:
 
 
 def _mask(layout: Layout, names: tuple[str, ...]) -> NDArray[np.bool_]:
-    """(size,) True in the named blocks."""
+    """(size,) True in the blocks of these ``names``."""
     mask = np.zeros(layout.size, dtype=bool)
     for name, place in layout.blocks.items():
         mask[place] = name in names

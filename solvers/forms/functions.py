@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from hhtbench.lowering.compile.coloured import OftenCalled
     from hhtbench.lowering.dynamics.matrix_free import MatrixFree
 
-CROWDED = 0.3  # entries, as a part of the full matrix, from which a sparse factorisation takes longer than a full one
+MAX_FILL = 0.3  # share of nonzero entries above which a sparse factorisation takes longer than a full one
 
 
 def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
-    """Residual and Jacobian of a DAE form."""
+    """Residual and Jacobian of a DAE form, by the code that the table names."""
     products = paying_products(dynamics)
     if products is None:
         jacobian = compile_function(jacobian_function, dynamics, layout)
@@ -53,7 +53,7 @@ def dae_functions(dynamics: Dynamics, layout: Layout) -> Functions:
 
 
 def ode_functions(dynamics: Dynamics) -> Functions:
-    """Right-hand side and Jacobian of the underlying ODE."""
+    """Right-hand side and Jacobian of the underlying ODE, by the code that the table names."""
     s = dynamics.structure
     if not s.linear_reaction or (is_larger(dynamics) and s.constrained):
         from solvers.forms.eliminated import eliminated_functions  # with the compiled loops, which most systems do without
@@ -77,9 +77,9 @@ def ode_functions(dynamics: Dynamics) -> Functions:
 def _sparse(
     function: Callable[..., Any], products: MatrixFree, *static: Any, example: tuple[Any, ...]
 ) -> OftenCalled | None:
-    """``function`` with the entries of its derivative, or None where its pattern is crowded or cannot be read."""
+    """``function`` with the entries of its derivative; None if its pattern is too full or cannot be read."""
     try:
         found = products.often_called(function, *static, example=example)
     except NotImplementedError:  # a primitive of which neither the graph nor asdex knows the sparsity
         return None
-    return None if found.pattern.rows.size > CROWDED * example[0].size ** 2 else found
+    return None if found.pattern.rows.size > MAX_FILL * example[0].size ** 2 else found

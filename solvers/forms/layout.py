@@ -1,4 +1,4 @@
-"""Which unknowns and equations a form has, and its residual and Jacobian as pure functions of them."""
+"""Unknowns and equations of each form, and its residual and Jacobian as pure functions of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Source(NamedTuple):
-    """What a block of unknowns stands for: the quantity of Point that it is, and the one that its derivative is."""
+    """The quantities of Point that a block of unknowns and its derivative stand for."""
 
     value: str | None
     rate: str | None
@@ -34,7 +34,7 @@ SOURCES = {
 
 
 class Recipe(NamedTuple):
-    """Unknowns and equations of a form, those of undeclared constraints included."""
+    """Unknowns and equations of a form; blocks of undeclared constraints are dropped later."""
 
     unknowns: tuple[str, ...]
     rows: tuple[str, ...]
@@ -54,14 +54,14 @@ RECIPES = {
 
 @dataclass(frozen=True)
 class Layout:
-    """Form and structure: everything that selects compiled code.  Hashable."""
+    """A form of a given structure: determines the compiled code.  Hashable."""
 
     name: str
     structure: Structure
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Block -> number of unknowns, blocks without entries left out."""
+        """Number of unknowns in each block; empty blocks are left out."""
         s = self.structure
         sizes = {"q": s.n, "v": s.n, "lam": s.m, "mu": s.p, "eta": s.m, "Lam": s.m, "Mu": s.p, "Eta": s.m}
         return {name: sizes[name] for name in RECIPES[self.name].unknowns if sizes[name]}
@@ -73,7 +73,7 @@ class Layout:
 
     @property
     def blocks(self) -> Mapping[str, slice]:
-        """Block -> its place in y."""
+        """Slice of each block in y."""
         places, start = {}, 0
         for name, size in self.sizes.items():
             places[name] = slice(start, start + size)
@@ -89,7 +89,7 @@ class Layout:
         return [name for name in RECIPES[self.name].rows if name not in absent]
 
     def point(self, dynamics: Dynamics, t: Any, y: Any, yp: Any) -> Point:
-        """The quantities of the equations at ``y, yp`` (size,)."""
+        """The quantities of the equations at ``y, yp`` (size,), as a Point."""
         quantities = {}
         for name, place in self.blocks.items():
             source = SOURCES[name]
@@ -101,7 +101,7 @@ class Layout:
 
 
 class Functions(NamedTuple):
-    """Of one form."""
+    """Compiled functions of one form."""
 
     value: Callable[..., Any]  #: F(t, y, y') or y'(t, y), (size,)
     jacobian: Callable[..., Any]  #: at (t, y, y', c) or (t, y): (size, size), or of a pattern the entries (entries,)
@@ -116,7 +116,7 @@ def residual_function(dynamics: Dynamics, layout: Layout, t: Any, y: Any, yp: An
 
 
 def residual_along(dynamics: Dynamics, layout: Layout, y: Any, t: Any, place: Any, yp: Any, c: Any) -> Any:
-    """F(t, y, y' + c (y - place)) (size,): at ``place``, its derivative by y is :func:`jacobian_function`."""
+    """F(t, y, y' + c (y - place)) (size,); its derivative by y at ``place`` is :func:`jacobian_function`."""
     return residual_function(dynamics, layout, t, y, yp + c * (y - place))
 
 
@@ -128,7 +128,7 @@ def jacobian_function(dynamics: Dynamics, layout: Layout, t: Any, y: Any, yp: An
 
 
 def _matrix_row(layout: Layout, blocks: Blocks, c: Any, xp: Any) -> Any:
-    """One block of equations under all columns, (rows, size)."""
+    """Rows (rows, size) of the Jacobian for one block of equations."""
     height = next(block.shape[0] for block in blocks.values() if block is not None)
     columns = []
     for name, size in layout.sizes.items():

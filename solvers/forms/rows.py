@@ -1,4 +1,4 @@
-"""The equations of the forms, one row block each: its value and its derivatives by the quantities at a point."""
+"""The equations of the forms, block by block: value and derivatives by the quantities at a point."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Blocks = dict[str, Any]  # name of a quantity of Point -> derivative by it (rows
 
 @dataclass(frozen=True, kw_only=True)
 class Point:
-    """All quantities of the equations at one time; None for those a form does not have."""
+    """All quantities of the equations at one time; None for those that a form does not have."""
 
     dynamics: Dynamics
     t: Any  #: [s]
@@ -48,7 +48,7 @@ def kinematics(at: Point) -> Any:
 
 
 def kinematics_derivatives(at: Point) -> Blocks:
-    """Derivatives of (F1)."""
+    """Derivatives of (F1), by quantity."""
     eye = at.dynamics.xp.eye(at.dynamics.structure.n)
     blocks = {"qdot": eye, "v": -eye}
     if at.eta is not None:
@@ -64,7 +64,7 @@ def force(at: Point) -> Any:
 
 
 def force_derivatives(at: Point) -> Blocks:
-    """Derivatives of (F2)."""
+    """Derivatives of (F2), by quantity."""
     dynamics, s = at.dynamics, at.dynamics.structure
     force_q, force_v = dynamics.force_jacobians(at.t, at.q, at.v)
     by_q, by_v = [_minus(force_q)], [_minus(force_v)]
@@ -85,33 +85,33 @@ def force_derivatives(at: Point) -> Blocks:
 
 
 def position(at: Point) -> Any:
-    """(F3), (m,)."""
+    """(F3), the position constraints g (m,)."""
     return at.dynamics.constraint(at.t, at.q)
 
 
 def position_derivatives(at: Point) -> Blocks:
-    """Derivatives of (F3)."""
+    """Derivatives of (F3), by quantity."""
     return {"q": at.constraint_jacobian}
 
 
 def velocity(at: Point) -> Any:
-    """(F4), (m,)."""
+    """(F4), the velocity level g_t + g_q v (m,)."""
     return at.dynamics.constraint_velocity(at.t, at.q, at.v)
 
 
 def velocity_derivatives(at: Point) -> Blocks:
-    """Derivatives of (F4)."""
+    """Derivatives of (F4), by quantity."""
     return {"q": at.dynamics.constraint_velocity_jacobian(at.t, at.q, at.v), "v": at.constraint_jacobian}
 
 
 def acceleration(at: Point) -> Any:
-    """(F5), (m,)."""
+    """(F5), the acceleration level g_q v' + c (m,)."""
     dynamics = at.dynamics
     return dynamics.position_row(at.t, at.q, at.vdot) + dynamics.constraint_acceleration(at.t, at.q, at.v)
 
 
 def acceleration_derivatives(at: Point) -> Blocks:
-    """Derivatives of (F5); by v, c changes with ``2 (g_tq + g_qq v)``, which is twice what (F4) changes with by q."""
+    """Derivatives of (F5); dc/dv = 2 (g_tq + g_qq v) is twice the derivative of (F4) by q."""
     dynamics = at.dynamics
 
     def along(q: Any) -> Any:
@@ -122,24 +122,24 @@ def acceleration_derivatives(at: Point) -> Blocks:
 
 
 def velocity_constraint(at: Point) -> Any:
-    """(F6), (p,)."""
+    """(F6), the velocity constraints k (p,)."""
     return at.dynamics.velocity_constraint(at.t, at.q, at.v)
 
 
 def velocity_constraint_derivatives(at: Point) -> Blocks:
-    """Derivatives of (F6)."""
+    """Derivatives of (F6), by quantity."""
     by_q = at.dynamics.velocity_constraint_position_jacobian(at.t, at.q, at.v)
     return {"q": by_q, "v": at.velocity_constraint_jacobian}
 
 
 def velocity_constraint_rate(at: Point) -> Any:
-    """(F7), (p,)."""
+    """(F7), the differentiated velocity constraints k_v v' + d (p,)."""
     along = at.dynamics.velocity_row(at.t, at.q, at.v, at.vdot)
     return along + at.dynamics.velocity_constraint_acceleration(at.t, at.q, at.v)
 
 
 def velocity_constraint_rate_derivatives(at: Point) -> Blocks:
-    """Derivatives of (F7)."""
+    """Derivatives of (F7), by quantity."""
     dynamics = at.dynamics
 
     def rate(q: Any, v: Any) -> Any:
@@ -152,7 +152,7 @@ def velocity_constraint_rate_derivatives(at: Point) -> Blocks:
 
 
 class Row(NamedTuple):
-    """One block of equations."""
+    """Value and derivatives of one block of equations."""
 
     value: Callable[[Point], Any]
     derivatives: Callable[[Point], Blocks]
@@ -174,6 +174,6 @@ def _minus(block: Any) -> Any:
 
 
 def _sum(blocks: list[Any]) -> Any:
-    """The sum of those that are not None, or None."""
+    """Sum of the blocks that are not None; None if all are."""
     present = [block for block in blocks if block is not None]
     return sum(present[1:], start=present[0]) if present else None

@@ -1,4 +1,4 @@
-"""The underlying ODE: y = [q; v], the multipliers eliminated by (F9)."""
+"""The underlying ODE for y = [q; v], with multipliers eliminated by (F9)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from solvers.forms.rows import ROWS, Point
 
 
 def rhs_function(dynamics: Dynamics, t: Any, y: Any) -> Any:
-    """y' = [v; v'] (2n,) of ``y = [q; v]``.  Pure: a tracer of JAX passes through it."""
+    """y' = [v; v'] (2n,) of ``y = [q; v]``; pure, so that JAX can trace it."""
     n = dynamics.structure.n
     right, matrix = _acceleration_level(dynamics, t, y[:n], y[n:])
     return dynamics.xp.concatenate([y[n:], _solve(dynamics, matrix, right)[:n]])
 
 
 def rhs_along(dynamics: Dynamics, y: Any, t: Any) -> Any:
-    """:func:`rhs_function` with y first, by which it is differentiated."""
+    """:func:`rhs_function` with y as first argument, for differentiation by it."""
     return rhs_function(dynamics, t, y)
 
 
@@ -38,7 +38,7 @@ def rhs_jacobian_function(dynamics: Dynamics, t: Any, y: Any) -> Any:
 
 
 def rhs_jacobian_at(dynamics: Dynamics, t: Any, y: Any, x: Any) -> Any:
-    """The same where ``x`` = [v'; lam; mu] (N,) is known: of reactions that are nonlinear in the multipliers."""
+    """dy'/dy (2n, 2n) where ``x`` = [v'; lam; mu] (N,) is known, for reactions nonlinear in the multipliers."""
     n = dynamics.structure.n
     matrix = kkt_terms(dynamics, t, y[:n], y[n:], x)[x.size :].reshape(x.size, x.size)
     return _differentiated(dynamics, matrix, x, t, y)
@@ -58,7 +58,7 @@ def _differentiated(dynamics: Dynamics, matrix: Any, x: Any, t: Any, y: Any) -> 
 
 
 def _acceleration_level(dynamics: Dynamics, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
-    """Right side (N,) and matrix (N, N) of (F9); without constraints F (n,) and M, None for a constant one."""
+    """Right-hand side (N,) and matrix (N, N) of (F9); without constraints F (n,) and M, None for a constant one."""
     s = dynamics.structure
     if not s.constrained:
         return dynamics.force(t, q, v), dynamics.mass(t, q) if s.mass == "variable" else None
@@ -73,7 +73,7 @@ def _acceleration_level(dynamics: Dynamics, t: Any, q: Any, v: Any) -> tuple[Any
 
 
 def _solve(dynamics: Dynamics, matrix: Any, right: Any) -> Any:
-    """The matrix of (F9) divided into ``right`` (N,) or (N, columns); not finite where it is singular.
+    """Solve the system with the matrix of (F9) for ``right`` (N,) or (N, columns); not finite where it is singular.
 
     Rows and columns are not scaled first: with masses over fifteen decades that gained one digit and a half.
     """

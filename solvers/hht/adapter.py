@@ -1,4 +1,4 @@
-"""The adapter of :class:`~solvers.hht.solver.HHT` for the bench."""
+"""Adapter of :class:`~solvers.hht.solver.HHT` for the bench."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})  #: of a request, where the
 
 @dataclass(frozen=True, eq=False)
 class HHTSolver:
-    """The extended HHT-alpha method as the bench sees it: ``load_solver("hht(alpha=-0.1, b=0)")``.
+    """The extended HHT-alpha method as a solver of the bench: ``load_solver("hht(alpha=-0.1, b=0)")``.
 
     Takes prescribed steps, or tolerances; absolute ones are ``rtol`` times the problem's scales where a request gives none.
     """
@@ -30,11 +30,11 @@ class HHTSolver:
     options: Mapping[str, Any]
     integrator: type[HHT] = HHT
     events: Any = None
-    smooth_error: ClassVar[bool] = True  #: a smooth function of step and tolerance: two runs extrapolate to a better one
-    heeds_tolerances: ClassVar[bool] = True  #: two of its runs that agree need not take different steps
+    smooth_error: ClassVar[bool] = True  #: True if the error is smooth in the tolerance: two runs can be extrapolated
+    heeds_tolerances: ClassVar[bool] = True  #: True if different tolerances give different steps
 
     def __eq__(self, other: object) -> bool:
-        """Whether they solve alike: an option that is written out is the same as the default that it is."""
+        """True if both solve alike: an option given with its default value makes no difference."""
         if not isinstance(other, HHTSolver) or self.integrator is not other.integrator or self.events is not other.events:
             return False
         ours, theirs = (make_options(x.integrator.kind, x.integrator.name, **x.options) for x in (self, other))
@@ -43,7 +43,7 @@ class HHTSolver:
     __hash__ = None  # type: ignore[assignment]
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
-        """Declines requests without steps and without tolerances."""
+        """Reason why a request is declined (unknown options, neither steps nor tolerances, ...), or None."""
         if request.options:
             known = tuple(f.name for f in fields(self.integrator.kind))
             if unknown := sorted(set(request.options) - set(known)):
@@ -53,7 +53,7 @@ class HHTSolver:
         return self._lacks_accuracy(request)
 
     def _lacks_accuracy(self, request: Request) -> str | None:
-        """What ``request`` does not say of steps and tolerances; None: nothing."""
+        """Message if ``request`` gives neither steps nor usable tolerances, else None."""
         if not request.fixed and request.rtol is None and request.atol is None:
             return "hht takes prescribed steps or tolerances: give step, steps, or rtol (and atol)"
         if request.atol is None and request.rtol is not None and has_zero(request.rtol):
@@ -75,7 +75,7 @@ class HHTSolver:
             return left.but(status=Status.declined, message=str(reason))
 
     def with_events(self, events: Any) -> HHTSolver:
-        """This solver looking for ``events``, as :class:`~solvers.hht.solver.HHT` takes them."""
+        """Copy of this solver with ``events``, as :class:`~solvers.hht.solver.HHT` takes them."""
         return replace(self, events=events)
 
     def stepper(self, problem: Problem, request: Request) -> HHT:
@@ -97,7 +97,7 @@ class HHTSolver:
         self.solve(problem, replace(request, max_num_steps=1, max_evaluations=None, max_seconds=None))
 
     def evaluates(self, problem: Problem) -> tuple[str, Problem]:
-        """What one of its residual evaluations is, and of which problem."""
+        """Kind of one residual evaluation, and the problem it is of."""
         return "residual", problem
 
 

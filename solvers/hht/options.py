@@ -1,4 +1,4 @@
-"""``HHTOptions``: every option of the integrator, stated and checked once."""
+"""``HHTOptions``: every option of the integrator, described and checked in one place."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENGINES = ("compiled", "python")
 
 
 def _names(without: Any) -> tuple[str, ...]:
-    """Those of ``without``, one name or several, each once and in the order of ``REDUCTIONS``."""
+    """The names in ``without`` (one name or several), without duplicates and in the order of ``REDUCTIONS``."""
     given = (without,) if isinstance(without, str) else without
     if not isinstance(given, (tuple, list)) or not all(name in tuple(REDUCTIONS) for name in given):
         raise ProblemError(f"without must hold names of {', '.join(REDUCTIONS)}; got {without!r}.")
@@ -35,41 +35,41 @@ class HHTOptions:
     alpha
         Damping parameter in [-1/3, 0]; 0 keeps the energy of fast vibrations, -1/3 damps them most.  Default -0.05.
     rho_inf
-        Instead of alpha: what a step leaves of the fastest vibrations, (1 + alpha)/(1 - alpha) in [1/2, 1].
+        Spectral radius at infinite frequency, (1 + alpha)/(1 - alpha) in [1/2, 1]; given instead of alpha.
     b
-        Weight of the end reaction in the position, not 1/2.  The default 0 costs least a step and alone is symplectic at
-        alpha = 0: for long conservative runs.  0.2 takes 0.7 times the steps at equal error in the median of problems with
-        position constraints (a pendulum a seventh, a mechanism whose forces work against its constraints up to three times
-        as many); a step costs 1.0 to 1.9 times as much (``hhtbench verify b``).
+        Weight of the end reaction in the position, not 1/2.  The default 0 is cheapest per step and the only one that is
+        symplectic at alpha = 0: take it for long conservative runs.  0.2 takes 0.7 times the steps at equal error in the
+        median of problems with position constraints (a pendulum a seventh; up to three times as many where forces work
+        against the constraints); a step costs 1.0 to 1.9 times as much (``hhtbench verify b``).
     reaction
-        Where the end reaction is taken: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).  Not the
-        last two for steep friction in long steps: velocities ring there (THEORY.md 13).
+        Where the end reaction is evaluated: "implicit", "predictor", "midpoint" or "midpoint_predictor" (b = 0).  Avoid
+        the last two for steep friction and long steps: velocities oscillate there (THEORY.md 13).
     extrapolate_reaction
-        Count the reaction of the last step's multipliers as a force, so that alpha damps vibrations that constraint forces
-        carry, as of a light body on a taut rod, and steps pass over them (THEORY.md 11, docs/performance.md).  Not
-        with alpha = 0, b near 1/2, velocity constraints, or reactions nonlinear in the multipliers.  Errors are those of
-        b = 1.
+        Treat the reaction of the last step's multipliers as a force, so that alpha damps vibrations carried by constraint
+        forces, as of a light body on a taut rod, and steps may exceed their periods (THEORY.md 11, docs/performance.md).
+        Not with alpha = 0, b near 1/2, velocity constraints, or reactions nonlinear in the multipliers.  Errors are those
+        of b = 1.
     rescale_a
-        Adapt the auxiliary acceleration when the step changes; without it variable steps are of order one.
+        Adapt the auxiliary acceleration when the step changes; without it variable steps are first-order accurate.
     start
-        Auxiliary acceleration of the first step: "f0", "shifted" or "trapezoidal"; None takes "f0" for prescribed steps
-        and "trapezoidal" under error control, whose first step would be short otherwise.
+        Auxiliary acceleration of the first step: "f0", "shifted" or "trapezoidal".  None takes "f0" for prescribed steps
+        and "trapezoidal" under error control, where the first step would otherwise be short.
     first_step, min_step, max_step
         Bounds of the step under error control [s], positive also where time runs backward.
     linsolver
         "auto" picks by size and measured fill among "dense" (LAPACK), "band" (after reverse Cuthill-McKee) and "sparse"
         (SuperLU).
     without
-        Names of reductions that are not made, to measure what they gain: "mass" (it is constant), "reaction" (it is
-        linear in the multipliers), "zeros" (entries of the step's matrix that are known).  ``linsolver="dense"`` does
-        without inverse, bands and blocks.
+        Names of reductions to switch off, to measure what they save: "mass" (use that it is constant), "reaction" (use
+        that it is linear in the multipliers), "zeros" (skip known entries of the step's matrix).  ``linsolver="dense"``
+        switches off inverse, bands and blocks.
     engine
-        "compiled", or "python": the same loops over steps run as plain Python, for debugging and to compare with.
+        "compiled", or "python": the same loops over steps run as plain Python, for debugging and comparison.
 
     Raises
     ------
     ProblemError, TypeError
-        An option is out of range; the text says what was expected.
+        An option is out of range; the message says what was expected.
     """
 
     alpha: float | None = None
@@ -115,7 +115,7 @@ class HHTOptions:
             warnings.warn(text, UserWarning, stacklevel=5)  # at the call of HHT
 
     def method(self, *, controlled: bool = False) -> Method:
-        """The member of the family; under error control the default auxiliary acceleration of the first step differs."""
+        """The member of the method family; its default ``start`` is "trapezoidal" if ``controlled``, else "f0"."""
         start = ("trapezoidal" if controlled else "f0") if self.start is None else self.start
         return Method(
             coefficients=self.coefficients,
@@ -127,7 +127,7 @@ class HHTOptions:
 
     @cached_property
     def coefficients(self) -> Coefficients:
-        """The weights of the method."""
+        """Coefficients of the method from alpha (or rho_inf) and b."""
         b = real_number("b", self.b)
         if b == 0.5:
             raise ProblemError(
@@ -138,7 +138,7 @@ class HHTOptions:
 
     @cached_property
     def control(self) -> ControlOptions:
-        """The bounds of the step [s] with the constants of its control."""
+        """Bounds of the step [s] and constants of the step-size controller."""
         given = {name: getattr(self, name) for name in ("first_step", "min_step", "max_step")}
         bounds: dict[str, Any] = {name: real_number(name, x, unit=" [s]") for name, x in given.items() if x is not None}
         for name, value in bounds.items():
@@ -155,7 +155,7 @@ DEFAULTS = HHTOptions()
 
 
 def make_options(kind: Any = HHTOptions, name: str = "hht", **given: Any) -> Any:
-    """Options of a ``kind`` from keywords; an unknown one is a ``TypeError`` that lists those that solver ``name`` knows."""
+    """Build options of class ``kind``; an unknown keyword raises ``TypeError`` listing the options of solver ``name``."""
     if not given and kind is HHTOptions:
         return DEFAULTS
     known = tuple(f.name for f in fields(kind))

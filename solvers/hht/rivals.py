@@ -1,4 +1,4 @@
-"""The field's own methods in the loop of HHT: generalised-alpha, HHT-I3 and RATTLE, with prescribed steps."""
+"""Other alpha methods of the field in HHT's loops: generalised-alpha, HHT-I3 and RATTLE, with prescribed steps."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from solvers.hht.options import ENGINES, make_options
 from solvers.hht.solver import HHT
 from solvers.kernel.linear.analysis import KINDS
 
-RHO_INF = 0.8  # the default of generalised-alpha, as in the field
+RHO_INF = 0.8  # default of generalised-alpha, a usual choice
 EXTENDED = "extended"
 UNCONTROLLED = "takes prescribed steps only: give step or steps; its error control is none of this bench"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """What all these methods have in common; each name as in :class:`~solvers.hht.options.HHTOptions`."""
+    """Options common to these methods; names as in :class:`~solvers.hht.options.HHTOptions`."""
 
     linsolver: str = "auto"
     engine: str = "compiled"
@@ -44,16 +44,16 @@ class Options:
         _ = self.coefficients  # numbers are checked where they are used
 
     def choices(self) -> dict[str, tuple[str, ...]]:
-        """What those options may be that are words."""
+        """Allowed values of the options that are strings."""
         return {"linsolver": KINDS, "engine": ENGINES}
 
     @property
     def coefficients(self) -> Any:
-        """The weights of the method."""
+        """Weights of the method."""
         raise NotImplementedError
 
     def method(self, *, controlled: bool = False) -> Method:
-        """The equations of a step.
+        """The method, as equations and weights.
 
         Raises
         ------
@@ -72,13 +72,13 @@ class GeneralisedAlphaOptions(Options):
     Parameters
     ----------
     rho_inf
-        What a step leaves of the fastest vibrations, in [0, 1].
+        Spectral radius at infinite frequency, in [0, 1].
     form
         "ggl": both constraint levels, of second order on variable steps; "index3": positions only, for constant steps;
-        "extended": both levels with the multipliers of the extended HHT, (H45), and constraints on velocities.
+        "extended": both levels with the multipliers of the extended HHT, (H45), and velocity constraints.
     start
-        Auxiliary acceleration of the first step: "shifted", as the method needs it, (H41); or "f0", v' at the start.  With
-        "corrected" index 3 gets the v0 too that its first multipliers need, (H44): that of the first row is then this one.
+        Auxiliary acceleration of the first step: "shifted", as second order needs, (H41); or "f0", v' at the start.
+        "corrected" (index3 only) also changes v0 as the first multipliers need, (H44); the first row has this v0.
     rescale_a
         Adapt the auxiliary acceleration when the step changes.
     """
@@ -91,7 +91,7 @@ class GeneralisedAlphaOptions(Options):
     name: ClassVar[str] = "generalised_alpha"
 
     def choices(self) -> dict[str, tuple[str, ...]]:
-        """With those of the method."""
+        """Allowed values of the options that are strings."""
         return super().choices() | {
             "form": (EXTENDED, "ggl", "index3"),
             "start": ("shifted", "f0", *(("corrected",) if self.form == "index3" else ())),
@@ -99,7 +99,7 @@ class GeneralisedAlphaOptions(Options):
 
     @cached_property
     def coefficients(self) -> GeneralisedAlpha | Coefficients:
-        """The weights of the method."""
+        """Weights of the method."""
         rho = real_number("rho_inf", self.rho_inf)
         if not 0.0 <= rho <= 1.0:
             raise ProblemError(f"rho_inf must lie in [0, 1]; got {rho:g}.")
@@ -109,7 +109,7 @@ class GeneralisedAlphaOptions(Options):
         )  # (H45)
 
     def method(self, *, controlled: bool = False) -> Method:
-        """The equations of a step."""
+        """The method, as equations and weights."""
         equations = "hht" if self.form == EXTENDED else "newmark"
         made = super().method(controlled=controlled)
         return replace(made, equations=equations, rescale_a=self.rescale_a, start=self.start)
@@ -117,7 +117,7 @@ class GeneralisedAlphaOptions(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class HHTI3Options(Options):
-    """Options of HHT-I3: ``alpha`` in [-1/3, 0], its damping."""
+    """Options of HHT-I3: damping ``alpha`` in [-1/3, 0]."""
 
     alpha: float = ALPHA
 
@@ -125,31 +125,31 @@ class HHTI3Options(Options):
 
     @cached_property
     def coefficients(self) -> HHTI3:
-        """The weights of the method."""
+        """Weights of the method."""
         return HHTI3(alpha=alpha_of(self.alpha, None))
 
 
 @dataclass(frozen=True, kw_only=True)
 class RattleOptions(Options):
-    """Options of RATTLE."""
+    """Options of RATTLE, which has no parameter of its own."""
 
     name: ClassVar[str] = "rattle"
 
     @cached_property
     def coefficients(self) -> Rattle:
-        """It has no parameter."""
+        """Weights of the method."""
         return Rattle()
 
 
 class Rival(HHT):
-    """A method of the field with HHT's face: prescribed steps only, and velocity constraints in the extended form alone."""
+    """Base class of the other alpha methods: prescribed steps only; velocity constraints in the extended form only."""
 
     kind: ClassVar[Any]
     name: ClassVar[str]
 
     @classmethod
     def declined(cls, problem: Problem, request: Request, options: Mapping[str, Any]) -> str | None:
-        """Tolerances, and velocity constraints."""
+        """Reason why a problem or request is declined (no prescribed steps, velocity constraints), or None."""
         if not request.fixed:
             return f"{cls.name} {UNCONTROLLED}"
         if hasattr(problem.system, "velocity_constraint") and options.get("form") != EXTENDED:

@@ -1,4 +1,4 @@
-"""``HHT``: the integrator's own face."""
+"""The class ``HHT``: integration over an interval, stepping by hand, checkpoints."""
 
 from __future__ import annotations
 
@@ -34,19 +34,18 @@ NOT_SAVED = {"_solving", "_settling", "_engine", "_onward"}  # of an HHT object
 class HHT:
     """The extended HHT-alpha method (Jay and Negrut, ETNA 26, 2007) for one system; THEORY.md states the formulas.
 
-    Forces are seen at the ends of steps only: a step may pass over a shorter interval in which they jump or are not
-    finite.  :meth:`solve` integrates over an interval; :meth:`init_step` and :meth:`step` go step by step, as SUNDIALS
-    does.
+    Forces are evaluated at the ends of steps only: a jump or a value that is not finite between two ends can go unnoticed.
+    :meth:`solve` integrates over an interval; :meth:`init_step` and :meth:`step` go step by step, as SUNDIALS does.
 
     Parameters
     ----------
     system
         A :class:`~hhtbench.System` or :class:`~hhtbench.protocol.system.NumpySystem`.
     events
-        :class:`~solvers.hht.events.Event` or plain callables ``(t, q, v)``, one or a list; without them nothing is looked
-        for.  Times and states are in ``Solution.t_events``, ``q_events`` and ``v_events``, one entry per event.  Where an
-        event changes the state the solution has two rows with one time, before and after; dense output gives the state
-        after the change there, ``q_events`` and ``v_events`` the one before.
+        :class:`~solvers.hht.events.Event` or plain callables ``(t, q, v)``, one or a list.  Times and states of the events
+        are in ``Solution.t_events``, ``q_events`` and ``v_events``, one entry per event.  Where an event changes the state
+        the solution has two rows with one time, before and after; there dense output gives the state after the change,
+        ``q_events`` and ``v_events`` the one before.
     **options
         ``alpha`` or ``rho_inf`` (damping), ``b``, ``reaction``, ``extrapolate_reaction``, ``rescale_a``, ``start`` (the
         method's variant),
@@ -56,11 +55,11 @@ class HHT:
     Raises
     ------
     ProblemError, TypeError
-        An option is out of range or unknown; the text says what was expected.
+        An option is out of range or unknown; the message says what was expected.
     """
 
-    name: ClassVar[str] = "hht"  #: of the solver in messages
-    kind: ClassVar[Any] = HHTOptions  #: of its options
+    name: ClassVar[str] = "hht"  #: the solver's name in messages
+    kind: ClassVar[Any] = HHTOptions  #: class of its options
 
     def __init__(self, system: System | NumpySystem, *, events: Any = None, **options: Any) -> None:
         if not issubclass(type(system), (System, NumpySystem)):  # of an object equinox would be asked for its class
@@ -70,16 +69,16 @@ class HHT:
         if reason := refused(system, self.options):
             raise ProblemError(f"{reason}.")
         self.events = make_events(events)
-        self.engine_used = ""  #: by the last run: which loops, functions and linear algebra
-        self._integrator: IntegratorState | None = None  # of stepping by hand
+        self.engine_used = ""  #: loops, functions and linear algebra of the last run, as text
+        self._integrator: IntegratorState | None = None  # where stepping by hand stands
         self._engine: Engine | None = None
-        self._onward: Onward | None = None  # steps by hand that were made since
+        self._onward: Onward | None = None  # steps by hand made since then
         self._message = ""
         self._locks()
 
     @classmethod
     def declined(cls, problem: Problem, request: Request, options: Mapping[str, Any]) -> str | None:
-        """Why this method with ``options`` does not take ``request`` for ``problem``; None: it does."""
+        """Reason why this method with ``options`` cannot solve ``problem`` with ``request``; None if it can."""
         return refused(problem.system, make_options(cls.kind, cls.name, **options))
 
     def solve(
@@ -88,17 +87,17 @@ class HHT:
         """Integrate over ``tspan = (t0, t1)`` [s] from ``q0, v0`` (n,) with prescribed steps or error control.
 
         ``lam_guess`` (m,) and ``mu_guess`` (p,) pick the root where the reaction is nonlinear.  The other keywords
-        are those of :class:`~hhtbench.Request`: ``step`` or ``steps`` (of an earlier solution, too), or ``rtol``
-        and ``atol``, which is a number, or (n,) for q and v alike, or (2n,); None takes ``rtol`` times what is typical of
-        the start.  With none of them ``rtol = 1e-4``, which the message says.
+        are those of :class:`~hhtbench.Request`: ``step``, ``steps`` (also those of an earlier solution), or ``rtol`` and
+        ``atol``.  ``atol`` is a number, (n,) for q and v alike, or (2n,); None takes ``rtol`` times typical sizes at the
+        start.  Without any of them ``rtol = 1e-4``, and the solution's message says so.
 
         Returns
         -------
         Solution
             With a :class:`~hhtbench.Status`; numerical failures keep the accepted steps.  An exception of
-            the system's own functions is raised again as it is, with ``.partial_solution``.  With ``t_eval`` steps that
+            the system's own functions is raised again as it is, with ``.partial_solution``.  With ``t_eval``, steps that
             fill more than 24 MB are not kept: ``steps_data`` and dense output are None.  Rows at ``t_eval`` between steps
-            are put onto both levels of the constraints, (H47); where none is near a row, ``message`` says so.
+            are projected onto both levels of the constraints, (H47); where that fails, ``message`` says so.
         """
         began = time.perf_counter()
         asked, note = with_tolerance(make_request(**request))
@@ -110,7 +109,7 @@ class HHT:
     def solve_from(
         self, place: Place, t1: float, guesses: Guesses, request: Request, began: float | None = None
     ) -> Solution:
-        """:meth:`solve` of numbers that were checked before, to ``t1`` [s]; ``began``: when the call did."""
+        """Solve from ``place`` to ``t1`` [s] with checked arguments; ``began``: clock reading at the call [s]."""
         steps = planned(request, place.q.size, place.t, t1)
         with self._alone(), timed(request.max_seconds, began) as clock:
             integration = Integration(self, request, steps, t1, place, guesses, clock)
@@ -119,7 +118,7 @@ class HHT:
     def begin(
         self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False, calc_initcond: bool = False
     ) -> Started | Failure:
-        """The engine and its first state; ``h`` [s] is the first step, or the direction of time."""
+        """Build the engine and its first state; ``h`` [s] is the first step, or only the direction of time."""
         how: dict[str, Any] = {"controlled": controlled, "calc_initcond": calc_initcond, "events": self.events}
         started = begin(self.system, self.options, place, guesses, h, work, **how)
         self.engine_used = "" if isinstance(started, Failure) else started.engine.why
@@ -141,8 +140,7 @@ class HHT:
         """Prepare stepping by hand with a constant signed ``step`` [s], or with tolerances as in :meth:`solve`.
 
         ``calc_initcond`` projects an inconsistent start onto both constraint levels.
-
-        Returns the status of the start; :attr:`message` says more.
+        Returns the status of the start; :attr:`message` gives details.
         """
         place, guesses = start_values(t0, q0, v0, lam_guess, mu_guess)
         h = None if step is None else real_number("step", step, unit=" [s]")
@@ -169,7 +167,7 @@ class HHT:
         return Status.success
 
     def step(self, t: float | None = None, method: str = "onestep", tstop: float | None = None) -> Status:
-        """Step on from :attr:`state` as CVODE and IDA do; on a failure the state stays and the status says why.
+        """Take steps from :attr:`state` as CVODE and IDA do; a failed step leaves the state and returns the reason.
 
         Parameters
         ----------
@@ -184,7 +182,7 @@ class HHT:
         Returns
         -------
         Status
-            ``event`` after a terminal event, with the state at it; a further call goes on from there.
+            ``event`` after a terminal event, with the state at it; the next call steps on from there.
         """
         with self._alone():
             if method == "onestep" and t is None and tstop is None and self._goes_onward():
@@ -193,7 +191,7 @@ class HHT:
             return self._step(t, method, tstop)
 
     def _goes_onward(self) -> bool:
-        """Whether a step was made without a State of it."""
+        """Try to take one step inside the compiled loops without building a State; False if it needs :meth:`_step`."""
         with self._settling:
             integrator = self._integrator
             if integrator is None or self._engine is None:
@@ -218,43 +216,43 @@ class HHT:
         return status
 
     def interpolate(self, t: Any) -> DenseOutput:
-        """q and v at ``t`` [s] (scalar or (k,)) within the last step; at an event that changed the state: after it."""
+        """q and v at ``t`` [s] (scalar or (k,)) within the last step; after the change where an event changed the state."""
         return self._current().last(t)
 
     @property
     def state(self) -> State:
-        """The frozen state after the last step taken by hand."""
+        """State after the last step taken by hand; immutable."""
         return self._current().state
 
     @property
     def occurrences(self) -> tuple[Occurrence, ...]:
-        """The events of the last :meth:`step` call, in order of time."""
+        """Events found by the last :meth:`step` call, in order of time."""
         return self._current().occurrences
 
     @property
     def message(self) -> str:
-        """What the last :meth:`init_step` or :meth:`step` had to say: a projection, an event, or the cause of a failure."""
+        """Message of the last :meth:`init_step` or :meth:`step`: a projection, an event, or the cause of a failure."""
         return self._message
 
     @property
     def counters(self) -> Counters:
-        """Work done by stepping by hand since :meth:`init_step`, that before a checkpoint included."""
+        """Work done by stepping by hand since :meth:`init_step`, including work before a checkpoint."""
         if self._engine is not None and self._integrator is not None:
             self._current()
             return self._engine.work.counters()
         return Counters() if self._integrator is None else _work_of(self._integrator).counters()
 
     def checkpoint(self) -> bytes:
-        """Where stepping by hand stands, for :meth:`resume` in another process.
+        """Serialise the progress of stepping by hand, for :meth:`resume` in another process.
 
-        Neither system nor options are in it, only a fingerprint of the system with its parameter values, and the options'
-        text.  A NumpySystem has none, as its functions hide their numbers, nor has a System with a function in a field:
-        that it is the same is up to you.
+        System and options are not saved, only a fingerprint of the system with its parameter values and the options as text.
+        A NumpySystem has no fingerprint, since its functions hide their numbers, nor has a System with a function in a
+        field; for these the caller must see to it that the system is the same.
         """
         return pack(self._saved(), setup_of(self.system, self.options, self.events))
 
     def resume(self, data: bytes) -> None:
-        """Step on from a :meth:`checkpoint` of a solver with the same system, options and events, to the same bits.
+        """Continue from a :meth:`checkpoint` with the same system, options and events; results agree bit for bit.
 
         Raises
         ------
@@ -276,7 +274,7 @@ class HHT:
             self._onward = None
 
     def restart(self, state: State, *, step: float | None = None) -> None:
-        """Step on from ``state``, an earlier one or one that was saved, with ``step`` [s] or the step control in use."""
+        """Continue from ``state``, an earlier or a saved one, with a constant ``step`` [s] or the step control in use."""
         if not isinstance(state, State):
             raise TypeError(f"restart takes a State (HHT.state); got {type(state).__name__}.")
         old = None if self._integrator is None else self._current()
@@ -296,7 +294,7 @@ class HHT:
             self._onward = None
 
     def _rebuild(self, integrator: IntegratorState) -> Engine:
-        """The engine of the first step again, for a state that was saved; no start is computed again."""
+        """Build the engine again for a saved state, as it was at the first step, without computing a start."""
         work, controlled = _work_of(integrator), integrator.tolerances is not None
         engine = make_engine(self.system, self.options, integrator.place, work, controlled=controlled)
         if integrator.fell_back:
@@ -312,7 +310,7 @@ class HHT:
             return self._integrator
 
     def _saved(self) -> IntegratorState:
-        """With what the engine knows: enough to go on with another one."""
+        """The integrator state completed by the engine's counters and fallback, so that another engine can continue."""
         now, engine = replace(self._current(), message=self._message), self._engine
         if engine is None:
             return now
@@ -332,7 +330,10 @@ class HHT:
         self._settling = threading.RLock()  # another thread may read the state while this one steps
 
     def _alone(self) -> threading.Lock:
-        """The lock of this object, which does not wait for a solve; taken by ``with`` alone, as an interrupt may come."""
+        """The lock that allows one solve at a time; raises at once if it is taken.
+
+        Taken by ``with`` alone, since an interrupt may come at any line.
+        """
         if self._solving.locked():
             where = "in another thread, or a call from its own callback"
             raise RuntimeError(f"this HHT object is already solving ({where}); make one per use.")
@@ -340,7 +341,7 @@ class HHT:
 
 
 def refused(system: System | NumpySystem, options: Any) -> str | None:
-    """Why ``options`` are none for ``system``; None: they are."""
+    """Reason why ``options`` cannot be used with ``system``; None if they can."""
     if not getattr(options, "extrapolate_reaction", False):
         return None
     names = not_extrapolated(system)
@@ -353,5 +354,5 @@ def refused(system: System | NumpySystem, options: Any) -> str | None:
 
 
 def _work_of(integrator: IntegratorState) -> Work:
-    """The work that was done before it."""
+    """Work counters as they stood at a saved state."""
     return Work(tally=defaultdict(int, integrator.tally), output=defaultdict(int, integrator.output))

@@ -1,4 +1,4 @@
-"""The files that HHT's compiled loops are made from, and the formulas that they share with the Python around them."""
+"""Source files of HHT's compiled loops, and compiled versions of the formulas shared with Python."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SOURCES = (
     *(HERE / f"{name}.py" for name in ("events/scan", "run/march", "run/interpolate")),
     Path(formulas.__file__),
 )
-called = entries(HERE / "compiled", *SOURCES)  #: what Python calls
+called = entries(HERE / "compiled", *SOURCES)  #: decorator of the loops' entry points
 
 allowed = compiled(formulas.allowed)
 crosses = compiled(formulas.crosses)

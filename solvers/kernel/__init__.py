@@ -1,1 +1,1 @@
-"""What compiled solvers share: the memory of their loops, linear algebra, accelerations, and projection onto constraints."""
+"""The kernel of the compiled solvers: their memory, linear algebra, accelerations, and projection onto constraints."""

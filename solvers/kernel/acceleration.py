@@ -1,6 +1,6 @@
-"""Accelerations and multipliers at a place by the KKT system, (H16): for the start, guesses and rows of output.
+"""Accelerations and multipliers from the KKT system, (H16), for starts, guesses and output rows.
 
-Its matrix is full and solved by LAPACK, or where a system is large known by its entries.
+Its matrix is full and solved by LAPACK; for large systems it is given by its entries.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from solvers.kernel.sections import (
     view,
 )
 
-MAX_ITERATIONS = 25  # quadratic convergence needs 6; the rest is for a poor guess
+MAX_ITERATIONS = 25  # quadratic convergence needs 6; a poor guess needs more
 CONVERGED = 1e-13  # last increment relative to the unknowns
 
 
 @compiled
 def acceleration_level(z: Any, near: Any, counts: Any) -> Any:
-    """Whether the acceleration level at PLACE determines v' and multipliers; their guess [lam, mu] begins at ``near``.
+    """Solve the acceleration level at PLACE with the guess [lam, mu] at address ``near``; True if it is determined.
 
-    By machine code where there is some, and in Python what that does not find: it looks closer.
+    By machine code where possible, else, or if that fails, by the more thorough iteration in Python.
     """
     if not spend(z, counts):
         return False
@@ -56,16 +56,16 @@ def acceleration_level(z: Any, near: Any, counts: Any) -> Any:
 
 @inlined
 def unknowns(z: Any) -> Any:
-    """[v', lam, mu] (n + m + p,)."""
+    """View of the unknowns [v', lam, mu] (n + m + p,)."""
     return part(z, mem.X if by_entries(z) else mem.LEVEL_X)
 
 
 @compiled
 def determined(z: Any, guess: Any) -> Any:
-    """Least over largest pivot of the KKT matrix at PLACE, with the :func:`unknowns` near the ``guess`` [lam, mu].
+    """Solve the KKT system at PLACE from the ``guess`` [lam, mu]; returns the least over the largest pivot.
 
-    By entries 1.0.  0.0 where it is singular to working precision, something is not finite, or no multipliers are found from
-    the guess.
+    By entries it returns 1.0.  0.0 if the matrix is singular to working precision, a value is not finite, or the iteration
+    does not converge.
     """
     n, x, linear, entries = z.i[mem.N], unknowns(z), z.i[mem.LINEAR], by_entries(z)
     increment = part(z, mem.INCREMENT if entries else mem.LEVEL_TERMS)
@@ -82,7 +82,7 @@ def determined(z: Any, guess: Any) -> Any:
 
 @compiled
 def newton(z: Any) -> Any:
-    """One iteration; least over largest pivot, or 0.0."""
+    """One Newton iteration; returns the least over the largest pivot, or 0.0 on failure."""
     n, x, increment, at = z.i[mem.N], part(z, mem.LEVEL_X), part(z, mem.LEVEL_TERMS), address(z, mem.PLACE)
     call(z, mem.C_KKT, mem.LEVEL_TERMS, (at, at + 8, at + 8 + 8 * n, address(z, mem.LEVEL_X)))
     pivots = scaled_factor(z)
@@ -95,7 +95,7 @@ def newton(z: Any) -> Any:
 
 @compiled
 def newton_by_entries(z: Any) -> Any:
-    """The same by the entries of the matrix: 1.0, or 0.0."""
+    """One Newton iteration by the entries of the matrix; 1.0, or 0.0 on failure."""
     compute_entries(z)
     if not (factor_entries(z, z.i[mem.SIZE]) and solve_entries(z)):
         return 0.0
@@ -105,15 +105,15 @@ def newton_by_entries(z: Any) -> Any:
 
 @compiled
 def small(increment: Any, x: Any) -> Any:
-    """Whether the increment has converged, against the largest entry: of accelerations, or of multipliers."""
+    """True if the increment has converged relative to the largest entry of ``x`` (accelerations, or multipliers)."""
     return largest(increment) <= CONVERGED * largest(x)
 
 
 @compiled
 def scaled_factor(z: Any) -> Any:
-    """Factors of the matrix in its place, rows and columns scaled to size one; least over largest pivot, or 0.0.
+    """Factorise the matrix in place with rows and columns scaled; returns least over largest pivot, or 0.0.
 
-    LAPACK sees the rows of the matrix as columns: it solves with the transpose of what it has factorised.
+    LAPACK reads rows as columns, so later solves use the transpose.
     """
     terms, scale, of_row = part(z, mem.LEVEL_TERMS), part(z, mem.LEVEL_SCALE), part(z, mem.LEVEL_ROW_SCALE)
     size, least, most = scale.size, math.inf, 0.0
@@ -147,7 +147,7 @@ def scaled_factor(z: Any) -> Any:
 
 @compiled
 def scaled_solve(z: Any) -> Any:
-    """Put the increment in the place of the residual, with the factors of :func:`scaled_factor`; whether it is finite."""
+    """Replace the residual by the increment, with the factors of :func:`scaled_factor`; True if it is finite."""
     terms, scale, of_row = part(z, mem.LEVEL_TERMS), part(z, mem.LEVEL_SCALE), part(z, mem.LEVEL_ROW_SCALE)
     size, right, order = scale.size, address(z, mem.LEVEL_TERMS), index_address(z, mem.LEVEL_LAPACK)
     one, transposed, info = order + 8 * mem.ONE, order + 8 * mem.TRANSPOSED, order + 8 * mem.INFO
@@ -162,9 +162,9 @@ def scaled_solve(z: Any) -> Any:
 
 @called
 def recover(z: Memory, rows: FloatMatrix, done: BoolArray) -> None:
-    """Put the multipliers of every row of ``rows``, [t, q, v, lam, mu], in their places and mark it as ``done``.
+    """Fill in the multipliers of each row [t, q, v, lam, mu] of ``rows`` and mark it as ``done``.
 
-    What is not finite, singular or does not converge is left as it is.
+    Rows that are not finite, singular or do not converge are left as they are.
     """
     n = z.i[mem.N]
     for i in range(rows.shape[0]):
@@ -178,9 +178,9 @@ def recover(z: Memory, rows: FloatMatrix, done: BoolArray) -> None:
 
 @called
 def start(z: Memory) -> Any:
-    """Whether the state before the first step stands in the memory: at PLACE, with the multipliers near LAM and MU.
+    """Build the state before the first step at PLACE, with multipliers near LAM and MU; 1 if it is plainly good.
 
-    0 where a look by Python is needed: something is not finite or determined, or not as plainly good as START_BOUNDS ask.
+    0 if Python must check it: a value is not finite or determined, or START_CHECKS exceed START_BOUNDS.
     """
     n, number, place, at = z.i[mem.N], part(z, mem.NUMBER), part(z, mem.PLACE), address(z, mem.PLACE)
     checks, bounds, constraints = part(z, mem.START_CHECKS), part(z, mem.START_BOUNDS), z.i[mem.M] + z.i[mem.P]
@@ -212,7 +212,7 @@ def start(z: Memory) -> Any:
 
 @compiled
 def violation(z: Any) -> Any:
-    """The largest of the constraint levels at PLACE, over its row's size and that of q or v; infinite for empty rows."""
+    """Largest relative violation of the constraint levels at PLACE; infinite for empty rows."""
     n, m, p, at = z.i[mem.N], z.i[mem.M], z.i[mem.P], address(z, mem.PLACE)
     call(z, mem.C_START_LEVELS, mem.START_LEVELS, (at, at + 8, at + 8 + 8 * n))
     terms, place, worst = part(z, mem.START_LEVELS), part(z, mem.PLACE), 0.0  # g, g_t, g_q, k, k_v, and the velocity level
@@ -234,7 +234,7 @@ def violation(z: Any) -> Any:
 
 @compiled
 def judged_mass(z: Any) -> Any:
-    """How far the mass at PLACE is from symmetric, and a bound on its condition, its diagonal scaled to one."""
+    """Asymmetry of the mass at PLACE, and a bound on its condition number, with its diagonal scaled to one."""
     n, at, inverse = z.i[mem.N], address(z, mem.PLACE), part(z, mem.INVERSE_MASS)
     call(z, mem.C_KKT, mem.LEVEL_TERMS, (at, at + 8, at + 8 + 8 * n, address(z, mem.LEVEL_X)))
     size, worst, total, of_inverse = part(z, mem.LEVEL_X).size, 0.0, 0.0, 0.0

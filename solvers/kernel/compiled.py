@@ -1,4 +1,4 @@
-"""The decorators of the kernel's loops, and the files that every solver's compiled loops are made from."""
+"""Decorators of the kernel's loops, and the source files of every solver's compiled loops."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ KERNEL = (
     *(HERE / f"{name}.py" for name in ("memory", "sections", "intrinsics", "numbers", "compiled")),
     *(HERE / f"{name}.py" for name in ("entries", "acceleration", "projection", "linear/band", "linear/matrix")),
 )
-called = entries(HERE / "compiled", *KERNEL)  #: what Python calls
+called = entries(HERE / "compiled", *KERNEL)  #: decorator of the loops' entry points
 compiled = inner()
 inlined = inner(inline="always")
 
 
 @lru_cache
 def shipped(name: str) -> Shipped:
-    """The compiled function ``name`` of the kernel, without its source, which only Python and Numba need."""
+    """The compiled function ``name`` of the kernel, loaded without importing its source."""
     return Shipped(name, HERE / "compiled", KERNEL)
 
 

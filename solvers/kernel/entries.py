@@ -1,4 +1,4 @@
-"""The KKT system of the acceleration level by the entries of its matrix, (H16): bands where they pay."""
+"""The KKT system of the acceleration level by the entries of its matrix, (H16), in bands where these pay."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from solvers.kernel.sections import address, call, finite, indices, part
 
 @compiled
 def by_entries(z: Any) -> Any:
-    """Whether the memory is made for this."""
+    """True if the memory is laid out for the entries of the KKT matrix."""
     return indices(z, mem.ENTRY_ROWS).size > 0
 
 
 @compiled
 def compute_entries(z: Any) -> None:
-    """Residual and matrix at PLACE and the unknowns [v', lam, mu] in X, into COMPUTED."""
+    """Evaluate residual and matrix at PLACE and the unknowns [v', lam, mu] in X, into COMPUTED."""
     at = address(z, mem.PLACE)
     call(z, mem.C_MATRIX, mem.COMPUTED, (at, at + 8, at + 8 + 8 * z.i[mem.N], address(z, mem.X)))
 
 
 @compiled
 def add_row_sizes(z: Any, typical: Any) -> None:
-    """Add up the magnitudes of every row of [g_q; k_v] times the ``typical`` sizes (n,) in ROW_SIZES."""
+    """Add the sums of magnitudes of each row of [g_q; k_v] times ``typical`` sizes (n,) to ROW_SIZES."""
     n, size, rows, columns = z.i[mem.N], z.i[mem.SIZE], indices(z, mem.ENTRY_ROWS), indices(z, mem.ENTRY_COLUMNS)
     computed, targets, sizes = part(z, mem.COMPUTED), indices(z, mem.TARGETS), part(z, mem.ROW_SIZES)
     for k in range(rows.size):
@@ -35,9 +35,9 @@ def add_row_sizes(z: Any, typical: Any) -> None:
 
 @compiled
 def factor_entries(z: Any, first: Any) -> Any:
-    """Factors of the matrix in COMPUTED, columns and rows scaled to size one; False where it is singular, or not finite.
+    """Factorise the matrix in COMPUTED with columns and rows scaled; False if it is singular, or not finite.
 
-    Of the ``first`` rows and columns; the others are those of the identity.
+    Only its ``first`` rows and columns are used; the others are replaced by those of the identity.
     """
     terms, computed, targets, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.TARGETS), z.i[mem.SIZE]
     of_column = part(z, mem.RIGHT)
@@ -60,7 +60,7 @@ def factor_entries(z: Any, first: Any) -> Any:
 
 @compiled
 def solve_entries(z: Any) -> Any:
-    """The increment of the residual in COMPUTED with those factors; whether it is finite."""
+    """Solve for the residual in COMPUTED with these factors, into INCREMENT; True if it is finite."""
     increment, of_column, size = part(z, mem.INCREMENT), part(z, mem.RIGHT), z.i[mem.SIZE]
     solve(z, 0, part(z, mem.COMPUTED)[:size], increment)
     for j in range(size):
@@ -70,7 +70,7 @@ def solve_entries(z: Any) -> Any:
 
 @compiled
 def scale_columns(entries: Any, columns: Any, largest_of: Any) -> None:
-    """Divide ``entries`` by the largest magnitude of their column, which goes into ``largest_of``."""
+    """Divide ``entries`` by the largest magnitude of their column, which is stored in ``largest_of``."""
     for i in range(largest_of.size):
         largest_of[i] = 0.0
     for k in range(entries.size):

@@ -1,6 +1,6 @@
-"""Machine code of a small system at any place, and memory of the loops for it: acceleration level, starts, projection.
+"""Machine code of small systems for acceleration level, starts and projection, and the loops' memory for these.
 
-Their linear systems are full, and solved by LAPACK; those of large systems are in :mod:`~solvers.kernel.kkt`.
+Linear systems are full and solved by LAPACK; for large systems see :mod:`~solvers.kernel.kkt`.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from solvers._finite import inverse_mass_at
 from solvers.kernel import memory as mem
 from solvers.kernel.memory import Memory, Sizes, allocate, integer_view
 
-# Of START_CHECKS: what is plainly consistent, determined, symmetric, and regular; where it is less Python looks closer.
+# Bounds on START_CHECKS (violation, pivot ratio, asymmetry, condition) of a good start; else Python checks further.
 GOOD_START = (CONSISTENT / 2, 1e6, SYMMETRIC / 2, SINGULAR / 10)
 
 
 class Places(NamedTuple):
-    """Projection of any place of one system onto its constraints."""
+    """Compiled projection of one system's states onto its constraints."""
 
     memory: Memory  #: to be copied
     mass: Vector  #: M (n*n,), or room for it where it varies; nothing by entries
-    codes: Any  #: what owns the code that is called
+    codes: Any  #: objects that own the machine code
 
 
 def of_full_matrices(dynamics: Dynamics) -> Places:
-    """Solved by LAPACK.
+    """Projection with full matrices, solved by LAPACK.
 
     Raises
     ------
@@ -52,19 +52,19 @@ def of_full_matrices(dynamics: Dynamics) -> Places:
 
 
 def put_codes(z: Memory, codes: dict[str, Native]) -> None:
-    """Put the addresses of ``codes`` into the memory."""
+    """Write the addresses of ``codes`` into the memory."""
     for name, code in codes.items():
         at = mem.CODE + 2 * mem.FUNCTIONS.index(name)
         z.i[at : at + 2] = code.pair
 
 
 def level_functions(dynamics: Dynamics) -> dict[str, Native]:
-    """Machine code of what start, acceleration level and projection need, of full matrices, by its name in the loops.
+    """Machine code with full matrices for start, acceleration level and projection, by its name in the loops.
 
     Raises
     ------
     NotNative
-        There is none for one of them.
+        One of them cannot be compiled.
     """
     s = dynamics.structure
     place = (), (s.n,), (s.n,)
@@ -82,7 +82,7 @@ def force_over_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
 
 
 def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """f = M^-1 F (n,), (H2), and where the mass varies M^-1 (n*n,), packed into one vector."""
+    """f = M^-1 F (n,), (H2), followed by M^-1 (n*n,) where the mass varies."""
     if dynamics.structure.mass != "variable":
         return force_over_mass(dynamics, t, q, v)
     force, inverse = dynamics.force(t, q, v), inverse_mass_at(dynamics, t, q)
@@ -90,7 +90,7 @@ def force_and_inverse_mass(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
 
 
 def address_of(name: str) -> int:
-    """Of SciPy's LAPACK routine ``name``: integers are of 32 bits, every argument goes by its address."""
+    """Address of SciPy's LAPACK routine ``name``; integers are of 32 bits, all arguments are pointers."""
     routines: Any = cython_lapack.__pyx_capi__
     capsule = routines[name]
     get_name, get_pointer = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer

@@ -1,4 +1,4 @@
-"""The code behind :mod:`solvers.kernel.sections`; imported where something must be compiled, since it needs Numba."""
+"""Numba code generators behind :mod:`solvers.kernel.sections`; imported only where loops are compiled."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ invoke: Any = intrinsic(_invoke)  #: (address, pointers) -> None
 
 
 def _view(typingctx: Any, array: Any, start: Any, count: Any) -> Any:
-    """``array[start : start + count]`` for indices that are known to lie inside: slices of Numba check every case."""
+    """``array[start : start + count]`` without the bounds handling of Numba's slices."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kind = signature.args[0]

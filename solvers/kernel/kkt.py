@@ -1,6 +1,6 @@
-"""Machine code of a system at any place, and memory of the loops for it: acceleration level, constraint levels, projection.
+"""Machine code of any system for acceleration level, constraint levels and projection, and the loops' memory for these.
 
-Their linear systems are full, or where a system is large known by the entries of the KKT matrix: bands where they pay.
+Linear systems are full, or for large systems given by the entries of the KKT matrix, in bands where these pay.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from solvers.kernel.full import Places, force_and_inverse_mass, of_full_matrices
 from solvers.kernel.linear.analysis import Analysis, chosen
 from solvers.kernel.memory import Memory, Sizes, allocate
 
-LARGEST_KKT = 300  # unknowns up to which code of full matrices is made: three seconds, and fourteen at 480
+MAX_FULL = 300  # unknowns up to which code of full matrices is compiled: three seconds, and fourteen at 480
 _known = Cache(16)  # ordering a matrix takes a millisecond and more
 
 
 class Entries(NamedTuple):
-    """Code for the entries of the KKT matrix, and its linear algebra."""
+    """Machine code for the entries of the KKT matrix, and the analysis for its factorisation."""
 
     kkt: Native  #: [residual; entries] of (H16)
     analysis: Analysis
 
     def memory(self, dynamics: Dynamics) -> Memory:
-        """Of the loops for acceleration level and projection."""
+        """Memory of the loops for acceleration level and projection."""
         s = dynamics.structure
         z = self.analysis.memory(n=s.n, m=s.m, p=s.p, inverse_mass=0, computed=self.kkt.size, by_entries=True)
         z.i[mem.C_MATRIX : mem.C_MATRIX + 2], z.i[mem.LINEAR] = self.kkt.pair, s.linear_reaction
@@ -43,7 +43,7 @@ class Entries(NamedTuple):
 
 
 def places_of(dynamics: Dynamics) -> Places:
-    """By the way that is the fastest at its size.
+    """Compiled projection, by full matrices or by entries, whichever is faster at its size.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def places_of(dynamics: Dynamics) -> Places:
 
 
 def by_entries(dynamics: Dynamics) -> Places:
-    """Solved by the entries of the KKT matrix, or without constraints.
+    """Compiled projection by the entries of the KKT matrix, or for a system without constraints.
 
     Raises
     ------
     NotNative
-        The functions cannot be machine code, or no smallest change solves such a system.
+        The functions cannot be machine code, or declared reactions have another direction than C^T.
     """
     s, products = dynamics.structure, paying_products(dynamics) if dynamics.matrices else dynamics
     source, place = dynamics if products is None else products, ((), (s.n,), (s.n,))
@@ -84,14 +84,14 @@ def by_entries(dynamics: Dynamics) -> Places:
 
 
 def reacts_across(dynamics: Dynamics) -> bool:
-    """Whether reactions are declared: along them no change onto the constraints is the smallest."""
+    """True if reactions are declared, so that they need not have the direction of C^T."""
     return any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction"))
 
 
 def kkt_of(dynamics: Dynamics) -> Entries | None:
-    """Code for the entries of the KKT matrix; remembered.
+    """Cached machine code for the entries of the KKT matrix.
 
-    None where there is no machine code for them, or Python would factorise their matrix.
+    None if it is not machine code, or if SuperLU would factorise the matrix.
     """
     found: list[Entries] = _known.find(by_id(dynamics), lambda: _kkt_of(paying_products(dynamics) or dynamics))
     return found[0] if found else None
@@ -106,18 +106,18 @@ def _kkt_of(dynamics: Dynamics) -> list[Entries]:
 
 
 def kkt_code(dynamics: Dynamics) -> Entries:
-    """Machine code of residual and matrix of (H16), and the linear algebra for the entries that can differ from zero.
+    """Machine code of residual and matrix of (H16), and the linear algebra for its nonzero entries.
 
-    The ``targets`` say where code puts each of [residual; entries].
+    ``targets`` of the analysis: positions of [residual; entries] in the code's result.
 
     Raises
     ------
     NotNative
-        There is none, or it would take long to make.
+        It cannot be compiled, or that would take long.
     """
     s = dynamics.structure
     size, vector = s.n + s.m + s.p, (s.n,)
-    if size > LARGEST_KKT and dynamics.matrices:
+    if size > MAX_FULL and dynamics.matrices:
         raise NotNative(f"full matrices of {size} unknowns")
     shapes = (), vector, vector, (size,)
     if not dynamics.matrices:
@@ -139,13 +139,13 @@ def kkt_code(dynamics: Dynamics) -> Entries:
 
 
 def levels(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
-    """g, g_t + g_q v, then k, (2 m + p,)."""
+    """Constraint levels g, g_t + g_q v, k, (2 m + p,)."""
     rows = [dynamics.constraint(t, q), dynamics.constraint_velocity(t, q, v)] if dynamics.structure.m else []
     rows += [dynamics.velocity_constraint(t, q, v)] if dynamics.structure.p else []
     return dynamics.xp.concatenate(rows)
 
 
 def acceleration_level(run: Any, t: float, q: Vector, v: Vector, lam: Vector, mu: Vector) -> Vector:
-    """[1 where it is determined, else 0; lam (m,), mu (p,), v' (n,)], (H16)."""
+    """[1 if determined, else 0; lam (m,), mu (p,), v' (n,)], (H16), solved in Python."""
     found = run.acceleration.solve(t, q, v, lam, mu)
     return np.concatenate([[found.converged], found.lam, found.mu, found.vdot])

@@ -1,8 +1,8 @@
-"""The memory of the loops: one float64 array and one int64 array, and one table of the sections in them.
+"""The memory of the loops: a float64 and an int64 array, and a table of the sections in them.
 
-Every line below that calls :func:`floats` or :func:`integers` is a row of the table: the name of a section, its kind and its
-size.  Order, offsets and views follow from it.  Few and plain arguments: compiling loops that pass tuples of fifty arrays
-takes five times as long, and counting references to those arrays takes longer than small systems' linear algebra.
+Each line below that calls :func:`floats` or :func:`integers` adds a section with its size; order, offsets and views
+follow from it.  Two arrays, since compiling loops that pass tuples of fifty arrays takes five times as long, and counting
+references to them takes longer than the linear algebra of small systems.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ import numpy as np
 
 from hhtbench.lowering.compile.loops import FloatArray, IntArray
 
-HIGHEST = 5  #: unknowns of earlier steps that are kept, and one more than the degree of an extrapolated guess
+HIGHEST = 5  #: number of earlier steps whose unknowns are kept; a guess has at most one degree less
 GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  #: the step; a0 by the weights of a - f, of f and of a1
 HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  #: numbers of the state, of which t matters to the equations
-CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one")  #: that step control remembers
+CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one")  #: memory of step control
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sizes:
-    """The numbers from which the sizes of all sections follow."""
+    """The numbers that determine the sizes of all sections."""
 
     n: int  #: coordinates
     m: int  #: position constraints
@@ -31,23 +31,23 @@ class Sizes:
     size: int  #: unknowns of a step
     inverse_mass: int  #: n*n where the mass varies, else 0
     applied: int = 0  #: multipliers whose reaction is an applied force, (H55)
-    early: int = 0  #: what machine code computes before the iterate is known
+    early: int = 0  #: numbers of the residual computed once per step, before the iteration
     early_matrix: int = 0
     computed: int = 0  #: numbers that the matrix function returns
-    fresh: int = 0  #: that of a small system
+    fresh: int = 0  #: numbers that the matrix function of a small system returns
     matrix: int = 0  #: entries of Newton's matrix
     maps: int = 0  #: entries of dq1/dx over dv1/dx
-    storage: int = 0  #: of one factorisation
+    storage: int = 0  #: numbers of one factorisation
     couplings: int = 0
     inverse: int = 0  #: size*size where the inverse is kept
     sections: dict[str, Any] = field(default_factory=dict)  #: contents of the integer sections of the linear algebra
     events: int = 0
-    samples: int = 0  #: of all event functions in a step
+    samples: int = 0  #: samples of all event functions in a step
     level: int = 0  #: unknowns of the acceleration level, where that is machine code
 
     @property
     def given(self) -> int:
-        """The step, and the state before it."""
+        """Length of the vector of a step and the state before it."""
         return len(GIVEN) + len(HEAD) + 5 * self.n + self.m + self.p + 3 * self.applied + self.inverse_mass
 
 
@@ -57,24 +57,24 @@ _contents: dict[int, str] = {}
 
 
 def floats(size: Callable[[Sizes], int]) -> int:
-    """A section of floats; returns its number."""
+    """Add a section of floats; returns its number."""
     _floats.append(size)
     return len(_floats) - 1
 
 
 def pairs(size: Callable[[Sizes], int]) -> int:
-    """A section of floats for each of the two factorisations; returns the number of the first."""
+    """Add a section of floats for each of the two factorisations; returns the number of the first."""
     return [floats(size), floats(size)][0]
 
 
 def integers(size: Callable[[Sizes], int]) -> int:
-    """A section of integers; returns its number."""
+    """Add a section of integers; returns its number."""
     _integers.append(size)
     return len(_integers) - 1
 
 
 def given_integers(name: str) -> int:
-    """A section of integers whose content the linear algebra gives by ``name``; returns its number."""
+    """Add a section of integers whose content the linear algebra supplies by ``name``; returns its number."""
     _contents[len(_integers)] = name
     return integers(lambda s: len(s.sections.get(name, ())))
 
@@ -101,7 +101,7 @@ F = floats(lambda s: s.n)
 LAM = floats(lambda s: s.m)
 MU = floats(lambda s: s.p)
 VDOT = floats(lambda s: s.n)
-LAM_BEFORE = floats(lambda s: s.applied)  # of the reaction in the f before, in f, and in that of the end of the step, (H55)
+LAM_BEFORE = floats(lambda s: s.applied)  # multipliers in the last state's f, in this f, and in f at the end, (H55)
 LAM_APPLIED = floats(lambda s: s.applied)
 LAM_AHEAD = floats(lambda s: s.applied)
 INVERSE_MASS = floats(lambda s: s.inverse_mass)
@@ -119,11 +119,11 @@ Q_FIRST = floats(lambda s: s.n)
 Q_BEFORE = floats(lambda s: s.n)
 H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K, LAST_BUT_ONE = range(5)  # in CONTROL
 
-# Of the two factorisations that are kept: numbers of each, and where the matrix was made.  The state ends here.
+# Of the two stored factorisations: numbers of each, and the arguments of the matrix.  The state ends here.
 RECORD = pairs(lambda s: 7)
 MADE_AT = pairs(lambda s: s.size + s.given)
 
-# An attempt at a step: how it stands; the iterate, its residual, what the matrix function returns, all entries; its end.
+# An attempt at a step: its numbers; iterate, residual, result of the matrix function, all entries; its end.
 ATTEMPT = floats(lambda s: 11)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
@@ -132,26 +132,26 @@ VALUES = floats(lambda s: s.size + s.matrix + s.maps)
 SCALED = floats(lambda s: s.matrix)  # entries of the matrix whose rows are scaled
 RIGHT = floats(lambda s: s.size)
 WORK = floats(lambda s: s.size)
-INCREMENT = floats(lambda s: 2 * s.size + 2)  # of small systems their sizes and the residual, too
-LEAP = floats(lambda s: s.n)  # what (H58) is asked of, then what Python finds leaping
+INCREMENT = floats(lambda s: 2 * s.size + 2)  # for small systems followed by its sizes and the residual
+LEAP = floats(lambda s: s.n)  # displacements tested by (H58), then those that Python finds to switch branches
 END = floats(lambda s: (7 if s.m else 5) * s.n + s.m + s.p)  # q, v, a, f, lam, mu, v', with constraints R0, R1
 END_INVERSE_MASS = floats(lambda s: s.inverse_mass)
 EARLY = floats(lambda s: s.early)
 EARLY_MATRIX = floats(lambda s: s.early_matrix)
 FRESH = floats(lambda s: s.fresh)
-TYPICAL = floats(lambda s: 2)  # sizes of q and of v, and 1 over those that Newton's iteration takes
+TYPICAL = floats(lambda s: 2)  # sizes of q and of v; below: reciprocals used by Newton's iteration
 RECIPROCAL = floats(lambda s: 2)
-NOISE = floats(lambda s: 2)  # what roundoff changes in an increment's q1 and v1, measured once a step; -1: not yet
-BASE_X = floats(lambda s: s.size)  # of damped iterations: the iterate and the whole increment
+NOISE = floats(lambda s: 2)  # roundoff of an increment in q1 and v1, measured at most once a step; -1: not yet
+BASE_X = floats(lambda s: s.size)  # iterate and whole increment of a damped iteration
 FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
 # In ATTEMPT; LEAPS: 1 + the coordinate that leapt, or 0.
 H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)
 ROOT_TOLERANCE, COST, LEAPS = range(8, 11)
 
-# Its error: the raw errors, a place t, q, v to look at, the constraint levels there ...
+# Its error: raw errors, a point (t, q, v) for evaluations, the constraint levels there.
 RAW = floats(lambda s: 3 * s.n)
-MISSED = floats(lambda s: s.n)  # what the position row is off by, (H59), and what that makes of the force rows
+MISSED = floats(lambda s: s.n)  # error of the position row, (H59); below: response of the force rows
 ANSWER = floats(lambda s: s.n)
 PLACE = floats(lambda s: 1 + 2 * s.n)
 LEVELS = floats(lambda s: 2 * s.m + s.p)
@@ -159,10 +159,10 @@ ERROR = floats(lambda s: 2 * s.n)
 WEIGHTS = floats(lambda s: 2 * s.n)
 RTOL = floats(lambda s: 2 * s.n)
 ATOL = floats(lambda s: 2 * s.n)
-SOLUTION = floats(lambda s: s.size)  # ... what a right-hand side makes of the unknowns, and of q1 and v1
+SOLUTION = floats(lambda s: s.size)  # unknowns that solve for RIGHT; below: their changes of q1 and v1
 CHANGE = floats(lambda s: 2 * s.n)
 
-# Two factorisations: what rows are scaled by, factors, maps.
+# Two factorisations: row scales, factors, couplings, maps to q1 and v1, inverse.
 ROW_SCALES = pairs(lambda s: s.size)
 STORAGE = pairs(lambda s: s.storage)
 COUPLINGS = pairs(lambda s: s.couplings)
@@ -172,14 +172,13 @@ MADE_H, RATE, USES, INVERTED, KEPT_COST, LEAST_PIVOT, RANK = range(7)  # in RECO
 
 CONSTANTS = floats(lambda s: 4 + len(NEWTON_CONSTANTS))
 EVENT = floats(lambda s: 1)
-EVENT_VALUES = floats(lambda s: 2 * s.events)  # at the last step's end, then the roundoff of those beside zero
+EVENT_VALUES = floats(lambda s: 2 * s.events)  # at the last step's end, then the roundoff of those at a zero
 SAMPLE_TIMES = floats(lambda s: s.samples)
 SAMPLE_VALUES = floats(lambda s: s.samples)
-LU_ASKED = floats(lambda s: 1)  # of factors that Python keeps: which; then [whether, least pivot, rank]
+LU_ASKED = floats(lambda s: 1)  # index of a factorisation in Python; below: [success, least pivot, rank]
 FACTOR_RESULT = floats(lambda s: 3)
 SOLVED = floats(lambda s: s.size)
-# The acceleration level: [whether, lam, mu, v']; by machine code from [v', lam, mu], residual and matrix, scales of columns
-# and of rows.
+# The acceleration level: [success, lam, mu, v']; in machine code [v', lam, mu], residual and matrix, column and row scales.
 ACCELERATION_LEVEL = floats(lambda s: 1 + s.n + s.m + s.p)
 LEVEL_X = floats(lambda s: s.level)
 LEVEL_TERMS = floats(lambda s: s.level * (1 + s.level))
@@ -187,16 +186,16 @@ LEVEL_SCALE = floats(lambda s: s.level)
 LEVEL_ROW_SCALE = floats(lambda s: s.level)
 FORCE = floats(lambda s: s.n + s.inverse_mass)  # f, M^-1
 START_LEVELS = floats(lambda s: (s.m * (3 + s.n) + s.p * (2 + s.n)) * (s.level > 0))  # constraint levels with Jacobians
-ROW_SIZES = floats(lambda s: s.m + s.p)  # of [g_q; k_v], by which violations are measured
+ROW_SIZES = floats(lambda s: s.m + s.p)  # sizes of the rows of [g_q; k_v], by which violations are measured
 START_CHECKS = floats(lambda s: 4)
-START_BOUNDS = floats(lambda s: 4)  # up to which each of them is plainly good
+START_BOUNDS = floats(lambda s: 4)  # bounds on these of a good start
 VIOLATION, SPREAD, ASYMMETRY, CONDITION = range(4)  # in START_CHECKS; SPREAD: of pivots, largest over least
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, STALLED, OTHER_STEP, REFRESH_RATE, WORST_RATE, MATRIX_COST = range(3, 11)
 REMAINING, STIFF, LEAST_OFF = range(11, 14)
 
-# Where the entries of the matrix and of the maps below it go, see solvers.kernel.linear.analysis.
+# Positions of the entries of the matrix and of the maps below it, see solvers.kernel.linear.analysis.
 TARGETS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(
     given_integers,
     (
@@ -215,14 +214,14 @@ TARGETS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_ST
 )
 ROW_STARTS = given_integers("row_starts")
 ENTRY_ROWS, ENTRY_COLUMNS = map(given_integers, ("entry_rows", "entry_columns"))  # places of the entries, or nothing
-PIVOTS = integers(lambda s: s.size)  # of the first factorisation, of the second
+PIVOTS = integers(lambda s: s.size)  # of the first factorisation; below: of the second
 integers(lambda s: s.size)
 LAPACK = integers(lambda s: 4)  # arguments by address: size, one, "N", info
 ONE, TRANSPOSED, INFO = 1, 2, 3  # in LAPACK, after the size; whether: "N" or "T"
 LEVEL_PIVOTS = integers(lambda s: s.level)
 LEVEL_LAPACK = integers(lambda s: 4)
 EVENT_CODE = integers(lambda s: 2 * s.events)
-COUNTED = integers(lambda s: len(COUNTS))  # work since Python has looked last
+COUNTED = integers(lambda s: len(COUNTS))  # work since Python read them last
 DIRECTIONS = integers(lambda s: s.events)
 SAMPLES = integers(lambda s: s.events)
 
@@ -244,20 +243,20 @@ HEADER = CODE + 2 * len(FUNCTIONS)
 
 KIND_INVERSE, KIND_BAND, KIND_DENSE, KIND_CALLBACK = range(4)  # of the linear algebra
 
-# How an attempt, and how a call of the loops ended.
+# Ending codes of an attempt, and of a call of the loops.
 CONVERGED, DIVERGED, NONFINITE, SINGULAR, SPENT, FALL_BACK = range(6)
 NO_ADVANCE, TOO_LARGE, ROUNDOFF_REACHED, EVENT_FOUND, EVENT_NONFINITE = range(6, 11)
 
 
 class Memory(NamedTuple):
-    """Everything: floating-point numbers and integers."""
+    """All numbers of the loops: floats and integers."""
 
-    w: FloatArray  #:
+    w: FloatArray  #: sections of floats
     i: IntArray  #: starts and lengths of the sections, header, sections
 
 
 def allocate(sizes: Sizes) -> Memory:
-    """The memory for ``sizes``, zero but for the header and what the linear algebra gives."""
+    """Allocate the memory for ``sizes``: zero except for the header and the integers of the linear algebra."""
     lengths = [size(sizes) for size in _floats]
     counts = [size(sizes) for size in _integers]
     starts = np.cumsum([0, *lengths])
@@ -274,19 +273,19 @@ def allocate(sizes: Sizes) -> Memory:
 
 
 def copied(z: Memory) -> Memory:
-    """The same memory at another place."""
+    """A copy of the memory, with the base addresses updated."""
     other = Memory(z.w.copy(), z.i.copy())
     other.i[BASE], other.i[INTEGER_BASE] = other.w.ctypes.data, other.i.ctypes.data
     return other
 
 
 def view(z: Memory, section: int) -> Any:
-    """A section of floats, for reading and writing from Python."""
+    """A section of floats, as a writable view."""
     return z.w[z.i[2 * section] : z.i[2 * section] + z.i[2 * section + 1]]
 
 
 def integer_view(z: Memory, section: int) -> Any:
-    """A section of integers, for reading and writing from Python."""
+    """A section of integers, as a writable view."""
     at = 2 * (len(_floats) + section)
     return z.i[z.i[at] : z.i[at] + z.i[at + 1]]
 

@@ -1,4 +1,4 @@
-"""Numbers and scalar formulas that all loops share: one source for Python and for compiled code."""
+"""Constants and scalar formulas shared by Python and all compiled loops."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import numpy as np
 
 EPS = float(np.finfo(np.float64).eps)
 TINY = float(np.finfo(np.float64).tiny)
-FULL_RANK = 16.0  # roundoffs of the largest pivot: smaller ones do not count as rank
+FULL_RANK = 16.0  # pivots below so many roundoffs of the largest do not count as rank
 
 
 def spacing(x: float) -> float:
-    """Distance from ``x`` >= 0 to the next larger number: x and three quarters of its roundoff round to that."""
+    """Distance from ``x`` >= 0 to the next larger floating-point number."""
     return max((x + 0.75 * EPS * x) - x, TINY)

@@ -1,7 +1,7 @@
-"""States moved onto both levels of the constraints by the smallest change in the metric of the mass, (H47).
+"""Compiled projection of states onto both constraint levels, minimal in the norm of the mass, (H47).
 
-For steps of explicit methods and for rows of output between steps.  The linear systems are those of the acceleration level:
-full, solved by LAPACK, or where a system is large by the entries of their matrix.
+For steps of explicit methods and for output rows between steps.  The linear systems are those of the acceleration level:
+full, solved by LAPACK, or for large systems given by entries.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from solvers.kernel.memory import Memory
 from solvers.kernel.numbers import TINY
 from solvers.kernel.sections import address, call, finite, largest, part, put
 
-MOST_ITERATIONS = 8  # at each level; a state leaves the constraints by its error, so three are enough
-SLOW = 1e-2  # contraction from which the matrix is made anew, of that of the first iterate the square of an error
+MAX_ITERATIONS = 8  # at each level; three suffice for a state that is off by its error
+SLOW = 1e-2  # contraction above which a new matrix is computed
 ROUNDOFF = 1e-15  # scaled violation that cannot be made smaller
-CLOSE = 1e3 * ROUNDOFF  # one that counts as none where it no longer shrinks
-STALLED = 1e-10  # relative increments that stop shrinking are roundoff, of g beside constants far larger than the motion
-VISIBLE = 1e-8  # violations that are not roundoff of such g
+CLOSE = 1e3 * ROUNDOFF  # violation that is accepted if it no longer shrinks
+STALLED = 1e-10  # relative increments below which VISIBLE replaces CLOSE, as g may have large constants
+VISIBLE = 1e-8  # violation above which it is no roundoff of such g
 
 
 @called
 def project(z: Memory, mass: FloatArray, sizes: FloatArray, rows: FloatMatrix, done: BoolArray) -> None:
-    """Put q and v of every row of ``rows``, [t, q, v], onto both levels and mark it as ``done``.
+    """Project q and v of each row [t, q, v] of ``rows`` onto both levels and mark it as ``done``.
 
-    What is not finite, singular or does not converge is left as it is.
+    Rows that are not finite, singular or do not converge are left as they are.
     """
     for i in range(rows.shape[0]):
         put(part(z, mem.PLACE), 0, rows[i])
@@ -41,10 +41,10 @@ def project(z: Memory, mass: FloatArray, sizes: FloatArray, rows: FloatMatrix, d
 
 @compiled
 def onto_constraints(z: Any, mass: Any, sizes: Any) -> Any:
-    """Move q and then v at PLACE onto their levels, each by Newton's iteration with one matrix as long as that contracts.
+    """Project q and then v at PLACE, each by simplified Newton iteration; returns the ending code.
 
-    Returns how that ended.  ``mass`` (n*n,) is made here where it varies; ``sizes`` (2n,), typical ones of q and v, measure
-    what is violated.
+    ``mass`` (n*n,) is computed here where it varies; ``sizes`` (2n,): typical sizes of q and v, by which violations are
+    measured.
     """
     if z.i[mem.M] + z.i[mem.P] == 0:
         return mem.CONVERGED
@@ -56,7 +56,7 @@ def onto_constraints(z: Any, mass: Any, sizes: Any) -> Any:
     factored = False
     for level in range(2):
         position, last, moved, ended = level == 0, math.inf, math.inf, mem.DIVERGED
-        for _ in range(MOST_ITERATIONS):
+        for _ in range(MAX_ITERATIONS):
             violation = violated(z, sizes, position)
             if not violation < math.inf:
                 return mem.NONFINITE
@@ -83,7 +83,7 @@ def onto_constraints(z: Any, mass: Any, sizes: Any) -> Any:
 
 @compiled
 def make_mass(z: Any, mass: Any) -> None:
-    """M at PLACE, (n*n,): a part of the acceleration level's matrix."""
+    """Put M at PLACE into ``mass`` (n*n,), as a block of the acceleration level's matrix."""
     n, size, at = z.i[mem.N], part(z, mem.LEVEL_X).size, address(z, mem.PLACE)
     call(z, mem.C_KKT, mem.LEVEL_TERMS, (at, at + 8, at + 8 + 8 * n, address(z, mem.LEVEL_X)))
     for i in range(n):
@@ -92,7 +92,7 @@ def make_mass(z: Any, mass: Any) -> None:
 
 @compiled
 def look(z: Any) -> None:
-    """The constraint levels at PLACE, into START_LEVELS with their Jacobians, or by entries into LEVELS without."""
+    """Evaluate the constraint levels at PLACE: into START_LEVELS with Jacobians, or by entries into LEVELS without."""
     n, at = z.i[mem.N], address(z, mem.PLACE)
     if by_entries(z):
         call(z, mem.C_LEVELS, mem.LEVELS, (at, at + 8, at + 8 + 8 * n))
@@ -102,7 +102,7 @@ def look(z: Any) -> None:
 
 @compiled
 def value(z: Any, i: Any, position: Any) -> Any:
-    """Row ``i`` of g, or of [g_t + g_q v; k], as :func:`look` has left them."""
+    """Row ``i`` of g, or of [g_t + g_q v; k], from the last :func:`look`."""
     n, m, p = z.i[mem.N], z.i[mem.M], z.i[mem.P]
     if by_entries(z):
         return part(z, mem.LEVELS)[i if position else m + i]
@@ -111,7 +111,7 @@ def value(z: Any, i: Any, position: Any) -> Any:
 
 @compiled
 def violated(z: Any, sizes: Any, position: Any) -> Any:
-    """The largest constraint of a level over its row's size; infinite where something is not finite."""
+    """Largest relative violation of a level; infinite if a value is not finite."""
     n, m, p, rows, worst = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.ROW_SIZES), 0.0
     typical = sizes[:n] if position else sizes[n:]
     for i in range(m + p):
@@ -137,14 +137,14 @@ def violated(z: Any, sizes: Any, position: Any) -> Any:
 
 @compiled
 def jacobian_row(z: Any, i: Any) -> Any:
-    """Where row ``i`` of [g_q; k_v] begins in START_LEVELS: g, g_t, g_q, k, k_v, and the velocity level."""
+    """Start of row ``i`` of [g_q; k_v] in START_LEVELS, whose layout is g, g_t, g_q, k, k_v, velocity level."""
     n, m, p = z.i[mem.N], z.i[mem.M], z.i[mem.P]
     return 2 * m + i * n if i < m else (2 + n) * m + p + (i - m) * n
 
 
 @compiled
 def factor(z: Any, mass: Any, position: Any) -> Any:
-    """Factors of [[M, C^T], [C, 0]] at PLACE, C the rows of a level; False where they are dependent."""
+    """Factorise [[M, C^T], [C, 0]] at PLACE with the rows C of one level; False if they are dependent."""
     n, m, p, terms, levels = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.LEVEL_TERMS), part(z, mem.START_LEVELS)
     size = n + m + p
     if by_entries(z):
@@ -167,9 +167,9 @@ def factor(z: Any, mass: Any, position: Any) -> Any:
 
 @compiled
 def move(z: Any, position: Any) -> Any:
-    """Change q, or v, at PLACE by the x of least x^T M x that undoes a level, (H47); its largest entry over theirs.
+    """Subtract from q, or v, at PLACE the smallest change that corrects a level, (H47); returns its relative size.
 
-    Infinity where it is not finite.
+    Infinity if it is not finite.
     """
     n, m, p, place, entries = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.PLACE), by_entries(z)
     change = part(z, mem.COMPUTED) if entries else part(z, mem.LEVEL_TERMS)

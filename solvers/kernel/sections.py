@@ -1,6 +1,6 @@
-"""Sections of the loops' memory, calls by address, small loops; ``z`` is a :class:`~solvers.kernel.memory.Memory`.
+"""Access to sections of the loops' memory, calls by address, and small loops.
 
-Of a section of two factorisations ``name + lu`` is one.
+``z`` is a :class:`~solvers.kernel.memory.Memory`.  Of a pair of sections, for two factorisations, ``name + lu`` is one.
 """
 
 from __future__ import annotations
@@ -36,31 +36,31 @@ view: Any = intrinsic(_SOURCE, "view", _view)  #: (array of 8-byte entries, star
 
 @inlined
 def part(z: Any, name: Any) -> Any:
-    """The floats of a section."""
+    """View of a section of floats."""
     return view(z.w, z.i[2 * name], z.i[2 * name + 1])
 
 
 @inlined
 def indices(z: Any, name: Any) -> Any:
-    """The integers of a section."""
+    """View of a section of integers."""
     return view(z.i, z.i[2 * (mem.INTEGER + name)], z.i[2 * (mem.INTEGER + name) + 1])
 
 
 @inlined
 def address(z: Any, name: Any) -> Any:
-    """Where a section of floats begins in the machine's memory."""
+    """Machine address of a section of floats."""
     return z.i[mem.BASE] + 8 * z.i[2 * name]
 
 
 @inlined
 def index_address(z: Any, name: Any) -> Any:
-    """Where a section of integers begins in the machine's memory."""
+    """Machine address of a section of integers."""
     return z.i[mem.INTEGER_BASE] + 8 * z.i[2 * (mem.INTEGER + name)]
 
 
 @compiled
 def put(vector: Any, at: Any, source: Any) -> Any:
-    """Copy ``source`` into ``vector`` from ``at``; returns the place behind it."""
+    """Copy ``source`` into ``vector`` from index ``at``; returns the index behind it."""
     for i in range(source.size):
         vector[at + i] = source[i]
     return at + source.size
@@ -68,7 +68,7 @@ def put(vector: Any, at: Any, source: Any) -> Any:
 
 @compiled
 def largest(x: Any) -> Any:
-    """Largest magnitude in ``x``; NaN if there is one."""
+    """Largest magnitude in ``x``; NaN if an entry is."""
     size = 0.0
     for i in range(x.size):
         if not abs(x[i]) <= size:
@@ -80,8 +80,8 @@ def largest(x: Any) -> Any:
 
 @compiled
 def finite(x: Any) -> Any:
-    """Whether ``x`` holds neither NaN nor infinity."""
-    count = 0  # of such numbers: sums of integers are made several at a time
+    """True if ``x`` holds neither NaN nor infinity."""
+    count = 0  # sums of integers are vectorised
     for i in range(x.size):
         count += 0 if abs(x[i]) < math.inf else 1
     return count == 0
@@ -89,7 +89,7 @@ def finite(x: Any) -> Any:
 
 @inlined
 def call(z: Any, code: Any, out: Any, arguments: Any) -> None:
-    """Call one of the system's functions by its address; ``out`` is a section of floats, ``arguments`` are addresses."""
+    """Call a system's function by its address; ``out`` is a section of floats, ``arguments`` are addresses."""
     if z.i[mem.CALLS_PYTHON]:
         call_python(z, code, out, arguments)
     else:
@@ -98,21 +98,21 @@ def call(z: Any, code: Any, out: Any, arguments: Any) -> None:
 
 @inlined
 def call_python(z: Any, code: Any, out: Any, arguments: Any) -> None:
-    """The same of a function in Python, which writes its result last: after an exception or an interrupt it is NaN."""
+    """Call a function in Python by its address; after an exception or an interrupt the result is NaN."""
     erase(part(z, out))
     invoke(z.i[code], (address(z, out), z.i[code + 1]) + arguments)  # noqa: RUF005 - Numba unpacks no tuples
 
 
 @compiled
 def erase(x: Any) -> None:
-    """Every entry becomes NaN."""
+    """Fill ``x`` with NaN."""
     for i in range(x.size):
         x[i] = math.nan
 
 
 @compiled
 def weighted_rms(x: Any, weights: Any) -> Any:
-    """Root mean square of x over ``weights``; infinity where it is not finite."""
+    """Root mean square of x over ``weights``; infinity if it is not finite."""
     total = 0.0
     for i in range(x.size):
         ratio = x[i] / weights[i]
@@ -122,7 +122,7 @@ def weighted_rms(x: Any, weights: Any) -> Any:
 
 @compiled
 def spend(z: Any, counts: Any) -> Any:
-    """One more evaluation of the residual; False where none is left."""
+    """Count one evaluation of the residual; False if the budget is spent."""
     if counts[mem.RESIDUALS] >= z.i[mem.EVALUATIONS]:
         return False
     counts[mem.RESIDUALS] += 1

@@ -9,7 +9,7 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.advice.features import probe
-from hhtbench.lowering.equations import POWERS
+from hhtbench.lowering.equations import POWER_STEPS
 
 
 def oscillator(k, c=0.0, t_end=2 * math.pi):
@@ -57,7 +57,7 @@ def test_a_force_that_wakes_later_gives_the_pace():
 def test_sizes_and_kinds_are_those_of_the_equations(spec, known):
     found = probe(hb.load_problem(spec))
     assert {name: getattr(found.features, name) for name in known} == pytest.approx(known)
-    assert 3 < found.evaluations <= POWERS + 3  # a mode that does not move ends it
+    assert 3 < found.evaluations <= POWER_STEPS + 3  # a mode that does not move ends it
 
 
 def test_a_problem_without_accelerations_has_no_features():

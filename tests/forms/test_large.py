@@ -66,7 +66,7 @@ def test_a_dae_form_by_products_is_that_of_full_matrices(name, form_name):
 @pytest.mark.parametrize("name", [*CONSTRAINED, "oscillator_chain", "fput_chain"])
 def test_the_underlying_ode_by_entries_is_that_of_full_matrices(name, monkeypatch):
     """Unconstrained too: then its Jacobian is sparse.  Else it is solved for five columns at a time, the last fewer."""
-    monkeypatch.setattr(eliminated, "TOGETHER", 5)
+    monkeypatch.setattr(eliminated, "BLOCK", 5)
     moment = moment_of(hhtbench.load_problem(name))
     made, y = make_form("ode", moment.dynamics), np.concatenate([moment.q, moment.v])
     assert (made.pattern is None) == moment.dynamics.structure.constrained

@@ -69,7 +69,7 @@ def test_rows_are_the_same_bits_where_too_many_steps_are_not_kept(monkeypatch, s
     whole = solver.solve(span, Q0, V0, t_eval=[*span], **how)
     asked = np.sort(np.r_[np.linspace(*span, 1001), np.repeat(whole.t_events[0], 2)])[:: -1 if span[0] > span[1] else 1]
     whole = solver.solve(span, Q0, V0, t_eval=asked, **how)
-    monkeypatch.setattr(history, "KEPT", 1)
+    monkeypatch.setattr(history, "MAX_KEPT", 1)
     few = solver.solve(span, Q0, V0, t_eval=asked, **how)
     assert whole.t_events[0].size > 0
     assert few.status is whole.status is Status.success
@@ -83,8 +83,8 @@ def test_rows_are_the_same_bits_where_too_many_steps_are_not_kept(monkeypatch, s
 
 
 def test_steps_that_nobody_asked_for_take_no_memory_beyond_what_is_kept(monkeypatch):
-    monkeypatch.setattr(history, "KEPT", 10_000)
-    monkeypatch.setattr(solve, "MOST", 512)
+    monkeypatch.setattr(history, "MAX_KEPT", 10_000)
+    monkeypatch.setattr(solve, "MAX_CALL", 512)
     solver, steps = HHT(SYSTEMS["jax"]), 20_000
     solver.solve((0.0, 1.0), Q0, V0, steps=steps, t_eval=[1.0])
     tracemalloc.start()

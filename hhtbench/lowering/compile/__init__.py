@@ -1,1 +1,1 @@
-"""How a function of a system's terms becomes a fast call: the choice of a route, sparse derivatives, compiled loops."""
+"""Compilation of a system's functions: choice of a route, sparse derivatives, compiled loops."""

@@ -1,4 +1,4 @@
-"""Cholesky factors of a band and a solve with them, each one operation that machine code and XLA carry out."""
+"""Cholesky factorisation of a band and solves with it, as primitives for machine code and XLA."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ banded_p, factor_p = Primitive("hhtbench_banded"), Primitive("hhtbench_factor")
 
 
 def factor_banded(band: Any) -> Any:
-    """The factors of a symmetric positive definite band, as :func:`solve_banded` takes them; NaN where it is none.
+    """Cholesky factors of a symmetric positive definite band, for :func:`solve_banded`; NaN if it is not positive definite.
 
     ``band`` (n, w + 1): row i holds A[i, i - w], ..., A[i, i], zero where there is no such column.
     """
@@ -21,7 +21,7 @@ def factor_banded(band: Any) -> Any:
 
 
 def solve_banded(factors: Any, right: Any) -> Any:
-    """The solution x (n,) of L L^T x = ``right``, float64.
+    """Solve L L^T x = ``right`` for x (n,), float64.
 
     ``factors`` (n, w + 1): row i holds L[i, i - w], ..., L[i, i - 1], zero where there is no such column, and 1 / L[i, i].
     """

@@ -1,8 +1,8 @@
-"""Sparse derivatives of a large system's functions: one compiled call gives the values and the entries of the derivative.
+"""Sparse derivatives of large systems: one compiled call gives values and the entries of the derivative.
 
-The dependencies are read off the scalar graph of the computation, or where a primitive has no rule there by ``asdex`` off
-its jaxpr, for all arguments at once; nothing is probed, so no entry is missed because it happens to vanish at the start, and
-no dense matrix is made.  ``asdex`` finds columns that share an evaluation.
+The sparsity is read from the scalar graph of the computation, or by ``asdex`` from its jaxpr where a primitive has no rule,
+for all arguments at once.  Nothing is probed, so no entry is missed because it vanishes at the start, and no dense matrix
+is made.  ``asdex`` also colours the columns that share an evaluation.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
 
 Indices = npt.NDArray[np.integer[Any]]
 
-MOST_COMPUTED = 3_000_000  # products of a derivative by one unknown that become code: ten thousand links take ten seconds
+MAX_COMPUTED = 3_000_000  # colours times rows compiled to machine code: ten thousand links take ten seconds
 
-_patterns = Cache(16)  # that of a chain of ten thousand links takes seconds to find
+_patterns = Cache(16)  # finding that of a chain of ten thousand links takes seconds
 
 
 @dataclass(frozen=True, eq=False)
 class Pattern:
-    """Places of the entries of one derivative, row by row, and the colours of its columns; compared by identity."""
+    """Sparsity pattern of a derivative, row by row, with colours of its columns; compared by identity."""
 
     shape: tuple[int, int]
     rows: Indices  #: (entries,) int32, ascending
@@ -48,12 +48,12 @@ class Pattern:
 
     @property
     def computed(self) -> int:
-        """Products of the derivative by one unknown that one evaluation costs."""
+        """Number of values that one evaluation of the compressed derivative computes: colours times rows."""
         return self.colours * self.shape[0]
 
     @property
     def places(self) -> Indices:
-        """(entries,) where each entry stands in the compressed derivative (colours, rows), flattened."""
+        """(entries,) position of each entry in the compressed derivative (colours, rows), flattened."""
         return self.colour[self.columns].astype(np.int64) * self.shape[0] + self.rows
 
     def matrix(self, values: Vector) -> sp.csr_array:
@@ -85,14 +85,14 @@ def _detected(flat: Flat, example: tuple[Any, ...]) -> Pattern:
 
 
 def find_pattern(function: Callable[..., Any], dynamics: Dynamics, *static: Any, example: tuple[Any, ...]) -> Pattern:
-    """That of ``function(dynamics, *static, x, *rest)`` by x, found once, whatever the parameter values.
+    """Pattern of the derivative of ``function(dynamics, *static, x, *rest)`` by x, for any parameter values; cached.
 
     ``example``: arrays of the shapes of x and of the rest.
 
     Raises
     ------
     NotImplementedError
-        A primitive without a rule of the scalar graph, whose sparsity asdex does not know either.
+        A primitive has no rule in the scalar graph and asdex does not know its sparsity.
     """
     flat = flat_function(function, dynamics.dependencies, *static)
     found: Pattern = _patterns.find(flat.key, lambda: _detected(flat, example))
@@ -104,8 +104,8 @@ def value_and_entries(
 ) -> Any:
     """Values (rows,) and derivative entries (entries,) of ``function(dynamics, *static, x, *rest)`` by x, one vector.
 
-    ``arguments`` are the colour of every column (size,), the place of every entry (entries,), x and the rest.  One
-    directional derivative per colour: ``each`` (function, colours) takes them together, or one after the other.
+    ``arguments`` are the colour of every column (size,), the position of every entry (entries,), x and the rest.  One
+    directional derivative per colour: ``each`` (function, colours) computes them together, or one after the other.
     """
     colour, places, x, *rest = arguments
     value, along = jax.linearize(lambda y: function(dynamics, *static, y, *rest), x)
@@ -116,14 +116,14 @@ def value_and_entries(
 def by_pattern(
     dynamics: Dynamics, pattern: Pattern, function: Callable[..., Any], static: tuple[Any, ...], *arguments: Any
 ) -> Any:
-    """:func:`value_and_entries` with the pattern written into the code; ``arguments`` are x and the rest."""
+    """:func:`value_and_entries` with the pattern as constants in the code; ``arguments`` are x and the rest."""
     where = jnp.asarray(pattern.colour), jnp.asarray(pattern.places)
     all_at_once = lambda product, colours: jax.vmap(product)(colours)  # noqa: E731
     return value_and_entries(dynamics, function, static, all_at_once, pattern.colours, *where, *arguments)
 
 
 class Coloured:
-    """``function(dynamics, *static, x, *rest)`` of a JAX dynamics with its sparse derivative by x, compiled by XLA.
+    """``function(dynamics, *static, x, *rest)`` with its sparse derivative by x, compiled by XLA.
 
     ``example``: arrays of the shapes of x and of the rest.
     """
@@ -133,7 +133,7 @@ class Coloured:
 
     def __init__(self, function: Callable[..., Any], dynamics: Dynamics, *static: Any, example: tuple[Any, ...]) -> None:
         self.pattern = find_pattern(function, dynamics, *static, example=example)
-        how = jax.lax.map, self.pattern.colours  # together, those of a large system leave the cache
+        how = jax.lax.map, self.pattern.colours  # all colours of a large system at once exceed the CPU cache
         compiled = compile_function(value_and_entries, dynamics, function, static, *how, route="xla")
         where = jnp.asarray(self.pattern.colour), jnp.asarray(self.pattern.places)
         self.packed = partial(compiled, *where)
@@ -146,15 +146,15 @@ class Coloured:
 
 
 class OftenCalled(Coloured):
-    """The same as machine code where that is known how, which takes longer to compile: for arrays and floats only."""
+    """:class:`Coloured` as machine code where possible: slower to compile, faster to call, for arrays and floats only."""
 
-    native = True  #: whether no code of XLA is called
+    native = True  #: True if no code of XLA is called
 
     def __init__(self, function: Callable[..., Any], dynamics: Dynamics, *static: Any, example: tuple[Any, ...]) -> None:
         self.pattern = pattern = find_pattern(function, dynamics, *static, example=example)
         shapes = tuple(map(np.shape, example))
         try:
-            if pattern.computed > MOST_COMPUTED:
+            if pattern.computed > MAX_COMPUTED:
                 raise NotNative(f"{pattern.colours} derivatives of {pattern.shape[0]} rows")
             made: Any = native_call(native(by_pattern, dynamics, pattern, function, static, shapes=shapes), shapes)
         except NotNative:

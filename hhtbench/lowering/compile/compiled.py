@@ -1,4 +1,4 @@
-"""A function of a JAX system compiled by the native route or by XLA, for argument shapes as they come."""
+"""A function of a JAX system compiled to machine code or by XLA, for each shape of its arguments."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def _nothing(*_: Any) -> None:
 
 
 class Compiled:
-    """A function of one JAX dynamics, compiled for argument shapes as they come."""
+    """A function of one JAX dynamics, compiled on demand for each shape of its arguments."""
 
     def __init__(self, function: Callable[..., Any], dynamics: Any, static: tuple[Any, ...], route: str | None) -> None:
         self.dynamics = dynamics
-        self.routes: dict[Shapes, Route] = {}  #: taken so far, by the shapes of the arguments
+        self.routes: dict[Shapes, Route] = {}  #: routes taken so far, by the shapes of the arguments
         self._native, self._route = partial(native, function, dynamics, *static), route
         self._flat = flat_function(function, dynamics, *static)
-        self._calls: dict[Shapes, Callable[..., np.ndarray | None]] = {}  #: machine code; of None, XLA is asked
+        self._calls: dict[Shapes, Callable[..., np.ndarray | None]] = {}  #: machine code; one that returns None: use XLA
         self._last: Callable[..., np.ndarray | None] = _nothing  #: machine code that was called last
         self._xla: Callable[..., np.ndarray] | None = None
         self._xla_shapes: set[Shapes] = set()  #: of arguments it was compiled for
@@ -58,7 +58,7 @@ class Compiled:
             raise explain_control_flow(error, getattr(self.dynamics, "system", self.dynamics)) from error
 
     def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None]:
-        """Machine code where that pays and is known how, else nothing for XLA; the reason is recorded."""
+        """Machine code where it pays and is possible, else a function that returns None for XLA; records the route."""
         name, reason = self._flat.name, too_large(self.dynamics)
         if reason is None:
             try:
@@ -90,7 +90,7 @@ class Compiled:
 
 
 def _as_floats(arguments: tuple[Any, ...]) -> list[np.ndarray] | None:
-    """The arguments as float64 arrays, or None where that would change their meaning (complex) or is impossible (traced)."""
+    """Arguments as float64 arrays; None if that would change their meaning (complex) or is impossible (traced)."""
     if any(isinstance(argument, jax.core.Tracer) for argument in arguments):
         return None
     arrays = [np.asarray(argument) for argument in arguments]

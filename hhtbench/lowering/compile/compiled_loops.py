@@ -1,7 +1,7 @@
-"""``make loops``: what Numba makes of the entries of :mod:`~hhtbench.lowering.compile.loops`; for development, with Numba.
+"""``make loops``: compile the entries of :mod:`~hhtbench.lowering.compile.loops` with Numba; for development only.
 
-An entry's arguments come as one row of eight-byte words, so that every entry is called in one way and no wrapper of
-Numba's, which would need Numba, is part of its object code.  The one file that knows Numba's code generator.
+An entry's arguments come as one row of eight-byte words, so that all entries are called alike and no wrapper of
+Numba's, which would need Numba, is part of the object code.  The only file that uses Numba's code generator.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ from hhtbench.lowering.scalar_compiler.machine import from_bitcode
 
 PLATFORMS = {"x86_64-linux": "x86_64-unknown-linux-gnu", "aarch64-linux": "aarch64-unknown-linux-gnu"}
 WITHOUT_PYTHON: Any = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-NEEDED = {"sqrt", "pow", "memset", "memcpy", "memmove"}  # of the C library, which every process has
+NEEDED = {"sqrt", "pow", "memset", "memcpy", "memmove"}  # allowed external functions, of the C library
 
 
 def dispatcher(function: Any, options: dict[str, Any]) -> Any:
-    """Numba's function of ``function``, to whose code it refers by what Numba made of the loops that it calls."""
+    """Numba's dispatcher of ``function``, with the loops that it calls replaced by their dispatchers."""
     names = dict(function.__globals__)
     for name in function.__code__.co_names:
         if hasattr(names.get(name), "for_numba"):
@@ -88,7 +88,7 @@ def bitcode(entry: Entry) -> bytes:
 
 
 def write(entry: Entry) -> dict[str, Any]:
-    """Put the code of ``entry`` into its folder; returns what the manifest tells of it."""
+    """Write the object code of ``entry`` into its folder; returns its part of the manifest."""
     common, hashes = bitcode(entry), {}
     for kind, code in {
         BITCODE: common,
@@ -100,7 +100,7 @@ def write(entry: Entry) -> dict[str, Any]:
 
 
 def write_all(found: list[Entry]) -> None:
-    """Put code and manifests of ``found`` into their folders."""
+    """Write object code and manifests of ``found`` into their folders."""
     for folder in dict.fromkeys(entry.folder for entry in found):
         folder.mkdir(exist_ok=True)
         mine = [entry for entry in found if entry.folder == folder]
@@ -111,9 +111,9 @@ def write_all(found: list[Entry]) -> None:
 
 @contextlib.contextmanager
 def _lean() -> Iterator[None]:
-    """Numba makes no machine code of its own of every single function: half of the time, for what is never called.
+    """Context in which Numba makes no machine code of single functions, which takes half of the time and is never called.
 
-    Nor code that looks whether an index is negative, as long as what it is for: no loop counts from the end of an array.
+    Checks for negative indices are left out too: no loop counts from the end of an array.
     """
     codegen, looking = cpu_target.target_context.codegen(), arrayobj.fix_integer_index
     with global_compiler_lock:
@@ -128,13 +128,13 @@ def _lean() -> Iterator[None]:
 
 
 def arguments_of(entry: Entry) -> tuple[Any, ...]:
-    """Empty arguments as it takes them: Numba's types and the layout of the words are read off them."""
+    """Empty arguments of the entry's annotated types, from which Numba's types and the layout of the words are read."""
     hints = get_type_hints(entry.function, include_extras=True)
     return tuple(empty(kind) for name, kind in hints.items() if name != "return")
 
 
 def empty(hint: Any) -> Any:
-    """A value that is annotated so: an array without entries, a zero, a tuple of such."""
+    """A value of an annotated type: an empty array, a zero, or a tuple of these."""
     if get_origin(hint) is Annotated:
         dtype, ndim = get_args(hint)[1:]
         return np.empty((0,) * ndim, dtype)
@@ -146,7 +146,7 @@ def empty(hint: Any) -> Any:
 
 
 def _taken(kind: Any) -> Any:
-    """A function for compiled code: from the address of the words to a value of the type ``kind``."""
+    """Intrinsic for compiled code: from the address of the words to a value of Numba type ``kind``."""
 
     def take(typingctx: Any, words: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -159,13 +159,13 @@ def _taken(kind: Any) -> Any:
 
 
 def _words(builder: Any, pointer: Any) -> Iterator[Any]:
-    """Words of memory, one after the other, in code that is being written."""
+    """Yield generated loads of consecutive words of memory."""
     for at in count():
         yield builder.load(builder.gep(pointer, [ir.Constant(ir.IntType(64), at)]))
 
 
 def _value(context: Any, builder: Any, kind: Any, words: Any) -> Any:
-    """Code for a value of the type ``kind`` from the next ``words``, the inverse of ``loops.in_words``."""
+    """Generate a value of Numba type ``kind`` from the next ``words``; inverse of ``loops.in_words``."""
     if isinstance(kind, types.BaseTuple):
         parts = kind.types  # type: ignore[attr-defined]
         return context.make_tuple(builder, kind, [_value(context, builder, part, words) for part in parts])

@@ -1,8 +1,8 @@
-"""``compile_function``: the one place that compiles.  Which route a function takes is decided at its first call.
+"""``compile_function``: compiles a function of a dynamics; its route is chosen at its first call.
 
-*native*: straight-line machine code, for small JAX systems; *xla*: ``jax.jit``, for large ones and for what the native route
-does not know; *numpy*: plain Python calls, for NumPy systems.  Same values to roundoff.  Compiled code is shared by all
-systems of one class, sizes and static options, whatever their parameter values, and kept on disk between processes.
+*native*: straight-line machine code, for small JAX systems; *xla*: ``jax.jit``, for large ones and for operations that the
+native route does not know; *numpy*: plain Python calls, for NumPy systems.  Values agree to roundoff.  Compiled code is
+shared by all systems of one class, sizes and static options, whatever their parameter values, and kept on disk.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _callables = Cache(512)  # finding a function's code again takes as long as a hu
 def compile_function(
     function: Callable[..., Any], dynamics: Any, *static: Any, route: str | None = None
 ) -> Callable[..., np.ndarray]:
-    """``function(dynamics, *static, *arrays) -> array`` as a fast callable of the arrays alone.
+    """Compile ``function(dynamics, *static, *arrays) -> array`` to a fast callable of the arrays alone.
 
     Parameters
     ----------
@@ -32,12 +32,12 @@ def compile_function(
     static
         Hashable options; a new value compiles anew.
     route
-        "xla" for no machine code of a JAX dynamics.
+        "xla": compile a JAX dynamics by XLA, not to machine code.
 
     Raises
     ------
     ProblemError
-        At a call: Python control flow uses a value that JAX traces; the text says where.
+        At a call: Python control flow uses a value that JAX traces; the message says where.
     """
     if route_of(dynamics) == "numpy":
         return partial(function, dynamics, *static)
@@ -49,7 +49,7 @@ def compile_function(
 
 
 def routes(dynamics: Any) -> tuple[Route, ...]:
-    """Of every function of ``dynamics`` that has been called so far: its route and why."""
+    """Route of every function of ``dynamics`` called so far, with reasons."""
     if route_of(dynamics) == "numpy":
         return (Route("every function", "numpy", "the functions are plain callables on NumPy arrays"),)
     return tuple(route for made in _callables.values() if made.dynamics is dynamics for route in made.routes.values())

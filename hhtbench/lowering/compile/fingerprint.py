@@ -1,4 +1,4 @@
-"""A name for a system with its parameter values, equal in every process."""
+"""Fingerprint of a system with its parameter values, equal in every process."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from hhtbench.protocol.system import NumpySystem, System
 
 
 class NoFingerprint(TypeError):
-    """What the text says of the system has no name that is equal in every process."""
+    """The system, or a field described by the message, has no fingerprint."""
 
 
 def fingerprints(system: System | NumpySystem) -> dict[str, str]:
-    """By field a text that is equal for equal values only: a number as it is printed, else a hash of what it is made of.
+    """Text for each field, equal for equal values only: a number as printed, else a hash of its contents.
 
-    What the class itself is made of, and what its functions refer to outside the fields, is no part of it.
+    The code of the class, and values that its functions use from outside the fields, are not included.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def _text(value: Any) -> str:
 
 
 def _parts(value: Any) -> Iterator[bytes]:
-    """``value`` in bytes: type and size of everything go before its contents."""
+    """Yield ``value`` as bytes: type and size of everything before its contents."""
     yield type(value).__qualname__.encode()
     if value is None or type(value) in (bool, int, float, complex, str, bytes):
         yield repr(value).encode()

@@ -1,7 +1,7 @@
-"""``inverse``: the inverse of a matrix as one operation that every route knows how to carry out.
+"""``inverse``: the inverse of a matrix as one primitive for every route.
 
-``jnp.linalg.inv`` is traced to dozens of operations with whole-number permutations inside, which the native route could
-only guess the meaning of; one primitive says it.
+``jnp.linalg.inv`` is traced to dozens of operations with integer permutations inside, whose meaning the native route could
+only guess.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ inverse_p = Primitive("hhtbench_inverse")
 
 
 def inverse(x: Any) -> Any:
-    """The inverse of ``x`` (..., n, n), float64; not finite where it is singular."""
+    """Inverse of ``x`` (..., n, n), float64; not finite where it is singular."""
     return inverse_p.bind(jnp.asarray(x))
 
 

@@ -1,8 +1,8 @@
-"""Loops over numbers, compiled by Numba beforehand: their object code lies beside their sources and needs no Numba.
+"""Numerical loops compiled by Numba in advance: their object code is shipped with the sources and needs no Numba.
 
-``make loops`` (:mod:`~.compiled_loops`) writes it: object code for Linux on x86-64 and aarch64, made
-for no processor in particular, and LLVM's bitcode, which takes a second to become machine code elsewhere.  A manifest names
-the content of the sources that all this was made from.
+``make loops`` (:mod:`~.compiled_loops`) writes it: object code for Linux on x86-64 and aarch64, for no processor in
+particular, and LLVM bitcode, which takes a second to become machine code elsewhere.  A manifest holds a hash of the sources
+that the code was made from.
 """
 
 from __future__ import annotations
@@ -24,31 +24,31 @@ from hhtbench.lowering.caching import kept_on_disk
 from hhtbench.lowering.scalar_compiler.machine import from_bitcode, host, load
 from hhtbench.solution.counting import preparing
 
-# Annotations of an entry's arguments: arrays whose entries follow one another in memory, beside int, float, bool and tuples.
+# Annotations of an entry's arguments: contiguous arrays, in addition to int, float, bool and tuples.
 FloatArray = Annotated[Any, np.dtype(np.float64), 1]
 FloatMatrix = Annotated[Any, np.dtype(np.float64), 2]
 IntArray = Annotated[Any, np.dtype(np.int64), 1]
 BoolArray = Annotated[Any, np.dtype(np.bool_), 1]
 
 ENTRY = "hhtbench_loop"  #: the name of an entry in its object code
-NUMBERS = {float: "d", np.float64: "d", int: "q", bool: "?"}  #: kinds of numbers, in the words of a layout
+NUMBERS = {float: "d", np.float64: "d", int: "q", bool: "?"}  #: letters of number types in a layout
 MANIFEST = "manifest.json"
 BITCODE = "bitcode"
 _address, _buffer = ctypes.addressof, cast("Any", ctypes.c_char.from_buffer)  # mypy does not know arrays as buffers
 _CALL = ctypes.PYFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_char_p)
-OWN = Path(__file__), Path(__file__).with_name("compiled_loops.py")  #: they say how arguments go over
-ENTRIES: list[Entry] = []  #: of all modules that were imported
+OWN = Path(__file__), Path(__file__).with_name("compiled_loops.py")  #: they define how arguments are passed
+ENTRIES: list[Entry] = []  #: entries of all imported modules
 
 
 def entries(folder: Path, *sources: Path) -> Callable[[Any], Any]:
-    """A decorator that makes an :class:`Entry` of a function of loops over numbers, with annotated arguments.
+    """Decorator that makes an :class:`Entry` of a function of loops over numbers, with annotated arguments.
 
-    They make no arrays of their own and return a whole number or None.
+    Such functions allocate no arrays and return a whole number or None.
 
     Parameters
     ----------
     folder
-        Where their object code lies.
+        Folder of their object code.
     sources
         Files, and folders of files, that it is made from.
     """
@@ -56,12 +56,12 @@ def entries(folder: Path, *sources: Path) -> Callable[[Any], Any]:
 
 
 def inner(**options: Any) -> Callable[[Any], Any]:
-    """A decorator that makes an :class:`Inner`; ``inline="always"`` for functions that return a part of an array."""
+    """Decorator that makes an :class:`Inner`; ``inline="always"`` for functions that return a view of an array."""
     return lambda function: Inner(function, lambda: _dispatcher(function, options))
 
 
 def intrinsic(module: str, name: str, function: Callable[..., Any]) -> Inner:
-    """A word of compiled loops: a generator of code in ``module``, for Numba, and a function that does the same."""
+    """A primitive of compiled loops: a Numba code generator in ``module``, and a Python function that does the same."""
     return Inner(function, lambda: getattr(importlib.import_module(module), name))
 
 
@@ -70,7 +70,7 @@ def _dispatcher(function: Any, options: dict[str, Any]) -> Any:
 
 
 class Inner:
-    """A function that other loops call; called from Python it runs as plain Python."""
+    """A function called by compiled loops; called from Python it runs as plain Python."""
 
     __name__: str
 
@@ -80,19 +80,19 @@ class Inner:
         self.for_numba = cache(for_numba)  #: () -> Numba's function; it needs Numba
 
     def __call__(self, *arguments: Any) -> Any:
-        """As plain Python."""
+        """Run as plain Python."""
         return self.function(*arguments)
 
 
 class Shipped:
-    """A compiled function, called without importing its source.  Its arguments go over as a row of eight-byte words."""
+    """A compiled function, called without importing its source; arguments are passed as a row of eight-byte words."""
 
     def __init__(self, name: str, folder: Path, sources: tuple[Path, ...]) -> None:
         self.__name__, self.folder, self.sources = name, folder, sources
         self._ready: tuple[str, Any, Any] | None = None
 
     def __call__(self, *arguments: Any) -> int:
-        """The whole number that it returns; 0 for None.
+        """Call it; returns its whole number, or 0 for None.
 
         Raises
         ------
@@ -102,9 +102,9 @@ class Shipped:
         return self.following()(*arguments)
 
     def following(self, *first: Any) -> Callable[..., int]:
-        """What takes the arguments after ``first``, which stay the same: of arrays their memory.
+        """Callable of the arguments after ``first``, which are bound; of arrays, their memory.
 
-        Threads may share it where nobody uses what it returns: that has one place.
+        Threads may share it only if nobody uses its return value, which has one place.
         """
         known: list[Any] = []
         begins, result, error = in_words(first, known), ctypes.c_int64(), ctypes.c_void_p()
@@ -130,7 +130,7 @@ class Shipped:
         return self._ready
 
     def _shipped(self) -> tuple[str, bytes]:
-        """The machine words of its arguments, and object code for this machine."""
+        """Layout of its arguments, and object code for this machine."""
         manifest = json.loads((self.folder / MANIFEST).read_text())
         if manifest["content"] != content_of(self.sources):
             raise RuntimeError(f"the sources of {self.folder} have changed since they were compiled: run `make loops`.")
@@ -150,7 +150,7 @@ class Shipped:
 
 
 class Entry(Shipped, Inner):
-    """A function that Python calls compiled; ``entry.function`` is the same as plain Python."""
+    """A function that is compiled when called from Python; ``entry.function`` is the same as plain Python."""
 
     def __init__(self, function: Any, folder: Path, sources: tuple[Path, ...]) -> None:
         Shipped.__init__(self, function.__name__, folder, sources)
@@ -159,17 +159,17 @@ class Entry(Shipped, Inner):
 
 
 def in_words(values: tuple[Any, ...], words: list[Any]) -> str:
-    """Append the eight-byte words of ``values``; returns what they are.
+    """Append the eight-byte words of ``values`` to ``words``; returns their layout.
 
     Raises
     ------
     TypeError
-        There is no way to hand one over.
+        A value is neither array, number nor tuple of these, or an array is strided.
     """
     layout = ""
     for value in values:
         if isinstance(value, np.ndarray):
-            try:  # a buffer, in a fifth of the time that NumPy's word takes
+            try:  # a buffer, in a fifth of the time that ndarray.ctypes takes
                 words += _address(_buffer(value)), *value.shape
             except (TypeError, ValueError):  # of no array that is read-only, empty or strided
                 if not value.flags.c_contiguous:
@@ -189,13 +189,13 @@ def in_words(values: tuple[Any, ...], words: list[Any]) -> str:
 
 @lru_cache
 def array_layout(dtype: np.dtype, ndim: int) -> str:
-    """An array in the words of a layout."""
+    """Layout text of an array."""
     return f"[{dtype.str}{ndim}]"
 
 
 @lru_cache
 def content_of(sources: tuple[Path, ...]) -> str:
-    """A name for the content of all Python sources in ``sources``."""
+    """Hash of all Python files in ``sources``."""
     digest = hashlib.sha256()
     files = (path for source in (*sources, *OWN) for path in (source.glob("*.py") if source.is_dir() else [source]))
     for path in sorted(files):

@@ -1,4 +1,4 @@
-"""Which way functions are computed: machine code, XLA or plain Python, and why."""
+"""Routes by which functions are computed (machine code, XLA or plain Python), with reasons."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from hhtbench.protocol.errors import ProblemError
 
-MOST_UNKNOWNS = 80  # n + m + p: above it XLA compiles sooner, and sparse matrices take over anyway
+MAX_UNKNOWNS = 80  # n + m + p: above it XLA compiles faster, and sparse matrices are used anyway
 
 
 TRACED_AS_VALUE = (
@@ -37,25 +37,25 @@ class Route:
     function: str
     route: str  #: "native", "xla" or "numpy"
     reason: str
-    operations: int | None = None  #: scalar operations, of the native route
+    operations: int | None = None  #: number of scalar operations on the native route
 
 
 def route_of(dynamics: Any) -> str:
-    """What ``dynamics`` is made of: "numpy" for plain callables, "xla" for what JAX can trace, compiled by either route."""
+    """ "numpy" for a dynamics of plain callables, "xla" for one that JAX can trace (compiled by XLA or to machine code)."""
     return "numpy" if dynamics.xp is np else "xla"
 
 
 def too_large(dynamics: Any) -> str | None:
-    """Why the native route would not pay for a system of this size, or None."""
+    """Reason why machine code would not pay for a system of this size, or None."""
     s = dynamics.structure
     unknowns = s.n + s.m + s.p
-    if unknowns <= MOST_UNKNOWNS or not dynamics.matrices:
+    if unknowns <= MAX_UNKNOWNS or not dynamics.matrices:
         return None
-    return f"n + m + p = {unknowns} is more than {MOST_UNKNOWNS}: machine code would be long"
+    return f"n + m + p = {unknowns} is more than {MAX_UNKNOWNS}: machine code would be long"
 
 
 def explain_control_flow(error: Exception, system: Any) -> ProblemError:
-    """The error for a function of ``system`` whose Python code needs the value of something JAX traces."""
+    """Error for a function of ``system`` whose Python code needs the value of something that JAX traces."""
     return ProblemError(
         f"{type(system).__name__}: {_line(error)} needs a value before there is one: its functions are traced by JAX once "
         "and then serve all t, q, v and parameters, so plain Python (if, while, float(), a function of numpy) cannot use "
@@ -67,7 +67,7 @@ def explain_control_flow(error: Exception, system: Any) -> ProblemError:
 
 
 def _line(error: Exception) -> str:
-    """``file, line n, in f: source`` of the innermost line that is the user's."""
+    """``file, line n, in f: source`` of the innermost line in the user's code."""
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         file = frame.filename if frame.filename.startswith("<") else str(Path(frame.filename).resolve())
         if not file.startswith(_NOT_THE_USERS):

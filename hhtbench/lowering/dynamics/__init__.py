@@ -1,1 +1,1 @@
-"""What the equations are: every term of a system's equations of motion, its constraint levels and its accelerations."""
+"""Terms of a system's equations of motion, its constraint levels and its accelerations."""

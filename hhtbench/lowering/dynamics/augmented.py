@@ -1,10 +1,9 @@
-"""A mass matrix that is singular made regular by what constraints add to it.
+"""A singular mass matrix made regular by a term from the constraints, (H19).
 
-Where the mass is singular but the KKT matrix is regular: on the solution ``C vdot + c = 0`` with ``C = [g_q; k_v]``, so
-adding ``C^T R (C vdot + c)`` to the equations changes nothing there: ``(M + C^T R C) vdot = F - C^T R c + Q``.  The
-new mass is positive definite exactly where M is positive definite on the null space of C.  Solving with the KKT matrix
-inside every f instead would put the reaction into f and leave nothing for the two stage multipliers of the extended HHT
-method.
+Used where the mass is singular but the KKT matrix is regular.  With ``C vdot + c = 0`` on the solution, ``C = [g_q; k_v]``,
+adding ``C^T R (C vdot + c)`` changes nothing: ``(M + C^T R C) vdot = F - C^T R c + Q``.  The new mass is positive definite
+exactly where M is positive definite on the null space of C.  Solving with the KKT matrix inside every f instead would
+put the reaction into f and leave nothing for the two stage multipliers of the extended HHT method.
 """
 
 from __future__ import annotations
@@ -26,9 +25,9 @@ LINEAR = 1e-8  # change of k_v with v, relative: the error of fourth-order diffe
 
 
 class AugmentedDynamics(Wrapper):
-    """The functions of ``inner`` with mass ``M + C^T R C`` and force ``F - C^T R c``, (H19).
+    """``inner`` with mass ``M + C^T R C`` and force ``F - C^T R c``, (H19).
 
-    Velocity constraints take part only where ``k_v`` does not depend on v, since the mass may not.
+    Velocity constraints take part only where ``k_v`` does not depend on v, since the mass must not.
     """
 
     weights: Any  #: (rows,) diagonal of R
@@ -38,7 +37,7 @@ class AugmentedDynamics(Wrapper):
         return replace(self.inner.structure, mass="variable", force_uses_q=True, force_uses_v=True)
 
     def _stacked(self, of_position: Callable[[], Any], of_velocity: Callable[[], Any]) -> Any:
-        """What the rows of g and of k have, those that take part."""
+        """Stack values of the position rows g and, if they take part, the velocity rows k; called only where declared."""
         s = self.inner.structure
         parts = [of_position()] if s.m else []
         return self.xp.concatenate([*parts, of_velocity()] if s.p and not s.velocity_jacobian_uses_v else parts)
@@ -62,12 +61,12 @@ class AugmentedDynamics(Wrapper):
         return self.jacobian(lambda y: self.mass(t, y) @ x, q)
 
     def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
-        """(F_q, F_v), each (n, n); of order 4 where they are differences, since c holds 1e-9 of difference error."""
+        """F_q and F_v, (n, n) each; differences are of order 4, since c has a difference error of 1e-9."""
         return self.jacobian(lambda x: self.force(t, x, v), q), self.jacobian(lambda x: self.force(t, q, x), v)
 
 
 def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
-    """``dynamics`` with a regular mass; the weights make what every row adds as large as the mass at (t, q).
+    """``dynamics`` with a regular mass; weights make the term of each row as large as the mass at (t, q).
 
     Raises
     ------
@@ -90,12 +89,12 @@ def augment(dynamics: Dynamics, t: float, q: Vector) -> AugmentedDynamics:
 
 
 def rows_of_mass(dynamics: Dynamics, t: Any, q: Any) -> Any:
-    """C (rows, n) of the constraints that take part in an augmented mass."""
+    """Rows C (rows, n) of the constraints that take part in an augmented mass."""
     return AugmentedDynamics(inner=dynamics, weights=None).rows(t, q)
 
 
 def _with_known_velocity_rows(dynamics: Any, t: float, q: Vector) -> Dynamics:
-    """A NumPy system cannot be read: whether its k is linear in v is measured, at rest and at two velocities."""
+    """For a NumPy system, determine numerically whether k is linear in v: at rest and at two velocities."""
     if type(dynamics) is ReducedDynamics and dynamics.xp is np:
         return replace(dynamics, inner=_with_known_velocity_rows(dynamics.inner, t, q))
     if dynamics.xp is not np or dynamics.wraps or not dynamics.structure.p:

@@ -1,4 +1,4 @@
-"""Masses of large systems whose entries are a narrow band: their inverses, and where entries of varying ones stand."""
+"""Mass matrices of large systems that are narrow bands: inverses, and patterns of varying ones."""
 
 from __future__ import annotations
 
@@ -16,44 +16,44 @@ from hhtbench.lowering.dynamics.mass import BROAD, SINGULAR, SYMMETRIC, Sparse, 
 
 
 class BandInverse(eqx.Module):
-    """The inverse of a band matrix; multiplies like it."""
+    """Inverse of a band matrix; multiplies by a solve."""
 
     factors: Any  #: as :func:`~hhtbench.lowering.compile.banded.solve_banded` takes them
     order: Any  #: (n,) the coordinate in each place of the band
 
     def __matmul__(self, x: Any) -> Any:
-        """The product with a vector (n,)."""
+        """Product with a vector (n,)."""
         return solve_banded(self.factors, x[self.order])[np.argsort(self.order)]
 
 
 class Entries(eqx.Module):
-    """Where entries of a symmetric matrix (n, n) can differ from zero, and where they stand in a band."""
+    """Pattern of a symmetric matrix (n, n), and the positions of its entries in a band."""
 
-    columns: Any  #: (n, k) of every row, as in :class:`Sparse`
+    columns: Any  #: (n, k) columns of each row's entries, as in :class:`Sparse`
     filled: Any  #: (n, k) False for the entries that repeat the last
     order: Any  #: (n,) the coordinate in each place of the band
-    #: (n, w + 1) in the flattened values, n k for none: rows as :func:`.compile.banded.factor_banded` takes them
+    #: (n, w + 1) indices into the flattened values, n k for none, in the layout of :func:`.compile.banded.factor_banded`
     places: Any
 
     @property
     def pattern(self) -> Any:
-        """Rows and columns (2, entries), row by row."""
+        """Rows and columns of the entries, (2, entries), row by row."""
         rows = np.broadcast_to(np.arange(len(self.columns))[:, None], self.columns.shape)
         return np.stack([rows[self.filled], self.columns[self.filled]]).astype(np.int32)
 
     def of(self, matrix: Any, xp: Any) -> Sparse:
-        """The entries of ``matrix`` (n, n)."""
+        """The entries of ``matrix`` (n, n) as :class:`Sparse`."""
         rows = np.arange(len(self.columns))[:, None]
         return Sparse(xp.where(self.filled, matrix[rows, self.columns], 0.0), self.columns)
 
     def inverse(self, matrix: Sparse, xp: Any) -> BandInverse:
-        """Of a ``matrix`` with these entries, NaN where it is not positive definite; pure array code."""
+        """Inverse of a ``matrix`` with these entries, NaN if it is not positive definite; pure array code."""
         band = xp.append(matrix.values.ravel(), 0.0)[self.places]
         return BandInverse(factor_banded(band), self.order)
 
 
 def entries_at(n: int, flat: Any) -> Entries | None:
-    """For the flat places ``flat`` in (n, n); None where these are no narrow band, or lack a place on the diagonal."""
+    """Entries at the flat indices ``flat`` in (n, n); None if they are no narrow band, or the diagonal has gaps."""
     pattern: Any = sp.coo_array((np.ones(flat.size), (flat // n, flat % n)), shape=(n, n)).tocsr()
     pattern = (pattern + pattern.T).tocsr()
     counts = np.diff(pattern.indptr)
@@ -73,7 +73,7 @@ def entries_at(n: int, flat: Any) -> Entries | None:
 
 
 def band_inverse(mass: Sparse) -> BandInverse | None:
-    """The inverse of ``mass``; None where it is not symmetric, not positive definite, singular or no narrow band."""
+    """Inverse of ``mass``; None if it is not symmetric, not positive definite, singular or no narrow band."""
     matrix, n = mass.entries(), mass.shape[0]
     size = np.sqrt(np.maximum(matrix.diagonal(), 0.0))
     if not (size > 0.0).all():

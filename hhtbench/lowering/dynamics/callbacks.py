@@ -1,6 +1,6 @@
-"""Functions in Python that machine code calls by address.
+"""Python functions that machine code calls by address.
 
-Machine code fills the result with NaN before the call and the callback writes it last: after an exception it is NaN.
+Machine code fills the result with NaN before the call, and the callback writes it last: after an exception it is NaN.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from hhtbench.protocol.errors import NonFiniteValue
 
 Shape = tuple[int, ...]
 SIGINT = int(signal.SIGINT)
-MOST_PLACES = 64  # in memory at which one function is remembered to have been called: on the stack they vary with its depth
+MAX_KNOWN = 64  # argument addresses whose arrays are cached per function; addresses on the stack vary
 
 
 class Callbacks:
-    """Functions in Python that machine code calls by address, and what one of them has raised.
+    """Python functions that machine code calls by address, and the exceptions raised in them.
 
-    Equal to all others, since code does not depend on them.  ``with callbacks:`` around machine code that calls them: in the
-    main thread an interrupt is then noted instead of raised between two of their lines, where it would be lost.
+    All are equal, since code does not depend on them.  Use ``with callbacks:`` around machine code that calls them: in the
+    main thread an interrupt is then noted instead of raised inside a callback, where it would be lost.
     """
 
     def __init__(self, system: Any = None) -> None:
         self.system = system
-        self.cause: BaseException | None = None  #: nothing is computed any more
-        self.check: Callable[[], None] = lambda: None  #: before a whole function is computed; raises where no time is left
+        self.cause: BaseException | None = None  #: exception raised; nothing is computed after it
+        self.check: Callable[[], None] = lambda: None  #: called before each function; raises when no time is left
         self.nonfinite: list[NonFiniteValue] = []  #: values that were not finite; the loops go on with NaN
         self._kept: list[Any] = []
         self._before: Any = None
@@ -61,24 +61,24 @@ class Callbacks:
         self.cause = KeyboardInterrupt()
 
     def take_cause(self) -> BaseException | None:
-        """What a callback has raised since the last call."""
+        """Return and clear the exception raised since the last call."""
         cause, self.cause = self.cause, None
         return cause
 
     def take_nonfinite(self) -> list[NonFiniteValue]:
-        """The values that were not finite since the last call, as callbacks reported them."""
+        """Return and clear the values that were not finite since the last call."""
         found, self.nonfinite = self.nonfinite, []
         return found
 
     def row(self, function: Callable[..., Any], shape: Shape, shapes: tuple[Shape, ...]) -> int:
-        """Address of ``void f(const double* arguments, double* result)``, the arguments of ``shapes`` in a row."""
+        """Address of ``void f(const double* arguments, double* result)``, arguments of ``shapes`` one after the other."""
         cuts = [8 * cut for cut in accumulate(map(math.prod, shapes[:-1]), initial=0)]
         return self._address(function, 2, (shape, *shapes), lambda at, to: (to, *(at + cut for cut in cuts)))
 
     def entry(self, function: Callable[..., Any], size: int, shapes: tuple[Shape | None, ...]) -> int:
-        """Address of ``void f(double* result, const double* parameters, const double* a0, ...)``, as machine code has it.
+        """Address of ``void f(double* result, const double* parameters, const double* a0, ...)``, as machine code calls it.
 
-        Parameters are not checked, nor arguments whose shape is None; one of shape () is a number.
+        Parameters and arguments of shape None are not read; one of shape () is a number.
         """
 
         def in_time(*arguments: Any) -> Any:
@@ -94,10 +94,10 @@ class Callbacks:
         shapes: tuple[Shape | None, ...],
         places_of: Callable[..., tuple[int, ...]],
     ) -> int:
-        """Of ``function``, called with copies of its arguments.
+        """Address of ``function``, called with copies of its arguments.
 
-        ``shapes`` are those of the result and of the arguments, ``places_of(*pointers)`` their addresses.
-        What it raises is noted; nor is it asked for what comes from a value that was not finite.
+        ``shapes``: of the result and the arguments; ``places_of(*pointers)``: their addresses.  Exceptions are noted, and
+        the function is not called for arguments that follow from a value that was not finite.
         """
         known: dict[tuple[int, ...], Any] = {}
 
@@ -107,7 +107,7 @@ class Callbacks:
                     return
                 found = known.get(key)
                 if found is None:
-                    if len(known) == MOST_PLACES:
+                    if len(known) == MAX_KNOWN:
                         known.clear()
                     places = zip(places_of(*key), shapes, strict=True)
                     result, *arguments = [_at(place, shape) for place, shape in places if shape is not None]
@@ -127,6 +127,6 @@ class Callbacks:
 
 
 def _at(place: int, shape: Shape) -> np.ndarray:
-    """The doubles at an address."""
+    """Array of the doubles at an address."""
     memory: Any = (ctypes.c_double * math.prod(shape)).from_address(place)
     return np.ndarray(shape, np.float64, memory)

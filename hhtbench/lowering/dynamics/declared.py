@@ -1,4 +1,4 @@
-"""What a system declares: how many constraints, which kind of mass, and the errors for results of the wrong shape."""
+"""A system's declarations: number of constraints, kind of mass, and errors for results of the wrong shape."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ ROWS = {
     "constraint_jacobian": "(constraints, coordinates); row i is the derivative of constraint i",
     "velocity_constraint_jacobian": "(velocity constraints, coordinates); row i is the derivative of constraint i by v",
 }
-FULL = 256  # coordinates up to which a constant mass is a full matrix: half a megabyte
+FULL = 256  # coordinates up to which a constant mass is a full matrix of half a megabyte
 
 
 def expect_physics(system: System | NumpySystem) -> None:
-    """Raise unless ``system`` has a force, and Jacobians of its reaction that take what the reaction takes."""
+    """Raise unless ``system`` has a force, and Jacobians of its reaction with the same arguments as the reaction."""
     if not callable(declared(system, "force")):
         raise TypeError(f"{type(system).__name__} declares no force(t, q, v); every system needs one.")
     jacobians, with_velocity = declared(system, "reaction_jacobians"), reaction_takes_velocity(system)
@@ -31,7 +31,7 @@ def expect_physics(system: System | NumpySystem) -> None:
 
 
 def rows_of(system: Any, result: Callable[[str], Any]) -> list[int]:
-    """How many position and velocity constraints there are, by what their functions return."""
+    """Number of position and of velocity constraints, from the results of their functions."""
     sizes = []
     for name in ("constraint", "velocity_constraint"):
         shape = (0,) if declared(system, name) is None else result(name).shape
@@ -42,7 +42,7 @@ def rows_of(system: Any, result: Callable[[str], Any]) -> list[int]:
 
 
 def mass_kind(system: System | NumpySystem) -> str:
-    """Of :class:`~.dynamics.Structure`: identity, constant, or variable where it is a function."""
+    """Kind of mass for :class:`~.dynamics.Structure`: identity, constant, or variable if it is a function."""
     mass = declared(system, "mass_matrix")
     if mass is None:
         return "identity"
@@ -50,7 +50,7 @@ def mass_kind(system: System | NumpySystem) -> str:
 
 
 def mass_as_matrix(mass: Any, n: int, xp: Any) -> Any:
-    """A declared constant mass (scalar, ``(n,)`` or ``(n, n)``) as a matrix ``(n, n)``, a large diagonal as such."""
+    """A declared constant mass (scalar, ``(n,)`` or ``(n, n)``) as a matrix ``(n, n)``; a large diagonal as Diagonal."""
     if mass is None:
         return None
     mass = xp.asarray(mass, dtype=float)
@@ -63,13 +63,13 @@ def mass_as_matrix(mass: Any, n: int, xp: Any) -> Any:
 
 
 def wrong_shape(function: str, expected: tuple[int, ...] | str, given: Any) -> ProblemError:
-    """The error for a result of the wrong shape."""
+    """Error for a result of the wrong shape."""
     hint = f" = {ROWS[function]}" if function in ROWS else ""
     return ProblemError(f"{function} must return shape {expected}{hint}; got {given}. Nothing is broadcast.")
 
 
 def expect_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]) -> Any:
-    """``value``, raising unless it holds as many matrices as ``shapes``."""
+    """``value``; raises unless it holds as many matrices as ``shapes``."""
     if not isinstance(value, (tuple, list)) or len(value) != len(shapes):
         many, got = {2: "two", 3: "three"}[len(shapes)], type(value).__name__
         got += f" of {len(value)}" if isinstance(value, (tuple, list)) else ""

@@ -1,4 +1,4 @@
-"""``derive``: from a System to its Dynamics, remembered as long as its parameters stay."""
+"""``derive``: from a System to its Dynamics, cached while its parameters are unchanged."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
     from hhtbench.lowering.dynamics.numpy_dynamics import NumpyDynamics
 
-_ways: dict[type, Callable[[Any], Hashable]] = {}  # of comparing values, by their kind
-_derived = Cache(64)  # reading a structure costs a trace for each function of the system
+_ways: dict[type, Callable[[Any], Hashable]] = {}  # functions that make values comparable, by type
+_derived = Cache(64)  # each structure costs a trace of every function of the system
 
 
 def derive(
@@ -31,24 +31,24 @@ def derive(
     ignored: tuple[str, ...] = (),
     without: tuple[str, ...] = (),
 ) -> JaxDynamics | NumpyDynamics:
-    """Every derived function of ``system``, uncompiled.
+    """Derive the Dynamics of ``system``: all its terms, uncompiled.
 
     Parameters
     ----------
     t, q, v
         A point, for the sizes: (n,) arrays.
     ignored
-        Declared derivatives that are derived afresh instead of used.
+        Declared derivatives that are not used but derived.
     without
-        Names of ``REDUCTIONS`` that are not read off the system.
+        Names of ``REDUCTIONS`` to switch off.
 
     Raises
     ------
     ProblemError
-        A declared function returns the wrong shape; the text names it and both shapes.  Or Python control flow uses a
-        value that JAX traces; the text names the line.
+        A declared function returns the wrong shape; the message names it and both shapes.  Or Python control flow uses a
+        value that JAX traces; the message names the line.
     TypeError
-        A declared function returns something that is not a real array, or nothing declares ``force``.
+        A declared function returns something that is not a real array, or no ``force`` is declared.
     """
     expect_names(type(system))  # type: ignore[arg-type] # classes are hashable
     if issubclass(type(system), System):  # of an object equinox would be asked for its class
@@ -77,15 +77,15 @@ def _of_numpy(system: NumpySystem, t: float, q: Vector, v: Vector, *how: tuple[s
 
 
 def parameters_of(value: Any) -> Hashable:
-    """What a system holds, to be compared: arrays that their owner may change by their bytes, all else by identity.
+    """Parameters of a system in comparable form: mutable arrays by their bytes, all else by identity.
 
-    Of what a function or another object in a field refers to nothing can be seen.
+    Values that a function or another object in a field refers to are not included.
     """
     return _ways.get(type(value), _found_way)(value)
 
 
 def _found_way(value: Any) -> Hashable:
-    """:func:`parameters_of` of the first value of its kind: to ask for kinds takes longer than all else here."""
+    """:func:`parameters_of` for the first value of its type; remembers the function for that type."""
     kind = type(value)  # of an object equinox would be asked for its class, and for every attribute
     way = _ways[kind] = next((way for kinds, way in COMPARED if issubclass(kind, kinds)), by_id if value is None else same)
     return way(value)

@@ -1,4 +1,4 @@
-"""The :class:`JaxDynamics` of a System: shapes checked and dependencies read without running its functions."""
+"""The :class:`JaxDynamics` of a System: shapes checked and dependencies read by tracing, without running its functions."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from hhtbench.solution.counting import preparing
 def derive_jax(
     system: System, t: float, q: Vector, v: Vector, ignored: tuple[str, ...], without: tuple[str, ...]
 ) -> JaxDynamics:
-    """The functions of ``system`` at a place (t, q, v), as :func:`~.derive.derive` gives them."""
+    """The dynamics of ``system`` with sizes from the point (t, q, v); see :func:`~.derive.derive`."""
     expect_physics(system)
     if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(system)):
         raise traced(f"a parameter of {type(system).__name__}")
@@ -84,7 +84,7 @@ def _structure(system: Any, t: Any, q: Any, v: Any, ignored: tuple[str, ...]) ->
 
 
 def _is_linear(system: System, name: str, at: dict[str, Any]) -> bool:
-    """Whether a reaction is linear in the multipliers: its Jacobian does not use them."""
+    """True if a reaction is linear in the multipliers, that is, if its Jacobian does not use them."""
     function: Any = declared(system, name)
     arguments = [at[symbol] for symbol in signature_of(system, name).arguments]
     if function is None or not arguments[-1].size:
@@ -93,7 +93,7 @@ def _is_linear(system: System, name: str, at: dict[str, Any]) -> bool:
 
 
 def _expect(system: System, name: str, at: dict[str, Any], n: int, m: int = 0, p: int = 0) -> None:
-    """Raise unless the declared JAX function returns what the sizes ask for."""
+    """Raise unless the declared JAX function returns the shapes that follow from the sizes."""
     signature = signature_of(system, name)
     shapes = signature.shapes(n, m, p)
     if len(shapes) == 1:
@@ -107,7 +107,7 @@ def _expect(system: System, name: str, at: dict[str, Any], n: int, m: int = 0, p
 
 
 def abstract_result(system: System, name: str, at: dict[str, Any]) -> jax.ShapeDtypeStruct:
-    """Shape and type that a declared JAX function returns at a place, found without running it.
+    """Shape and type of a declared JAX function's result, found by tracing.
 
     Raises
     ------

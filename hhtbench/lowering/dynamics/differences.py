@@ -1,8 +1,8 @@
-"""Derivatives from differences for callables that declare none, coloured where a pattern is given.
+"""Derivatives by finite differences for callables that declare none, coloured where a pattern is given.
 
-First order (one extra point a column) serves where only Newton's convergence depends on it, second-order central for
-reactions, whose relative error of 4e-11 adds to no drift, and fourth-order central where constraints are measured or
-corrected by the derivative: its error is the drift floor, 1e-12 of an entry, and along v some 1e-11 of the fastest
+First order (one extra point a column) where only Newton's convergence depends on it; second-order central for
+reactions, whose relative error of 4e-11 adds no drift; fourth-order central where constraints are measured or
+corrected by the derivative: its error limits the drift, 1e-12 of an entry, and along v some 1e-11 of the fastest
 coordinate.  Second derivatives are differences of the function itself, never of its differences.
 ``scipy.differentiate`` is not used: it adapts its step with tens of evaluations per entry.
 """
@@ -17,11 +17,11 @@ import numpy as np
 from scipy.optimize._numdiff import group_columns
 
 EPS = float(np.finfo(np.float64).eps)
-STEP = {1: 2.0**-26, 2: 2.0**-17, 4: 2.0**-10}  # near eps**(1/(order + 1)): truncation against roundoff
-MIXED_STEP = 2.0**-13  # near eps**(1/4), of second differences, whose error of 1e-7 only serves Newton's matrix
-SECOND_STEP = 2.0**-9  # near eps**(1/6), the same for the fourth-order second difference
-COMMON = 1e-2, 1e2  # where the largest coordinate is in between, those near zero may count as of size one
-ALIKE = 1e-4  # relative difference of derivatives by two steps, neither of which is too long or too short
+STEP = {1: 2.0**-26, 2: 2.0**-17, 4: 2.0**-10}  # near eps**(1/(order + 1)): balances truncation and roundoff
+MIXED_STEP = 2.0**-13  # near eps**(1/4), for second differences in Newton's matrix, with error 1e-7
+SECOND_STEP = 2.0**-9  # near eps**(1/6), for the fourth-order second difference
+COMMON = 1e-2, 1e2  # range of the largest coordinate in which those near zero count as of size one
+ALIKE = 1e-4  # relative difference of derivatives by two steps below which both steps are suitable
 
 
 def derivative(
@@ -35,8 +35,8 @@ def derivative(
 ) -> np.ndarray:
     """Jacobian of ``function`` at ``x`` (n,), shape (rows, n), by differences of ``order`` 1, 2 or 4.
 
-    ``pattern`` (rows, n) of booleans lets columns without a common row share their evaluations.  ``least`` is the size of
-    what is smaller, see :func:`least_size`, and ``step`` another relative step than that of the order.
+    With ``pattern`` (rows, n) of booleans, columns without a common row share evaluations.  ``least``: lower bound on
+    sizes of coordinates, see :func:`least_size`; ``step``: relative step instead of that of the order.
     """
     x = np.asarray(x, dtype=np.float64)
     steps = _steps(x, step or STEP[order], least)
@@ -55,17 +55,17 @@ def derivative(
 
 
 def uncommon_decade(q: Any) -> int | None:
-    """The power of ten of the largest of ``q`` (n,), on which steps of differences then depend; None where it is common."""
+    """Decimal exponent of the largest of ``q`` (n,), if steps of differences depend on it; None in the COMMON range."""
     largest = float(np.max(np.abs(q), initial=0.0))
     common = COMMON[0] <= largest <= COMMON[1] or not 0.0 < largest < np.inf
     return None if common else math.floor(math.log10(largest))
 
 
 def least_size(functions: Iterable[Callable[[Any], Any]], q: Any) -> float:
-    """What a coordinate that is zero, or nearly, counts as in steps of differences: one, or the largest of ``q`` (n,).
+    """Lower bound on coordinates' sizes for steps of differences: 1, or the largest of ``q`` (n,).
 
-    The larger of them by which derivatives of the ``functions`` of q do not depend on the steps: mechanisms of micrometres
-    in metres bend within a step that one asks for, and beside 1e6 one is roundoff.
+    The larger of these for which derivatives of ``functions`` do not depend on the step: a step of one is too long for
+    mechanisms of micrometres in metres, and is roundoff beside 1e6.
     """
     if uncommon_decade(q) is None:
         return 1.0
@@ -76,7 +76,7 @@ def least_size(functions: Iterable[Callable[[Any], Any]], q: Any) -> float:
 
 
 def _is_smooth(function: Callable[[Any], Any], q: Any, least: float) -> bool:
-    """Whether shorter steps give the same derivative; where the function is not defined around q they do not."""
+    """True if shorter steps give the same derivative; False also where the function is not defined around q."""
     for order in (1, 4):
         try:
             one, other = (derivative(function, q, order, least=size) for size in (least, least / 4.0))
@@ -96,7 +96,7 @@ def derivative_along(
 
 
 def product(function: Callable[[Any], Any], q: Any, v: Any, *, least: float = 1.0) -> np.ndarray:
-    """The Jacobian of ``function`` at ``q`` times ``v`` (n,); fourth order, and as precise for small v as for large."""
+    """Jacobian of ``function`` at ``q`` times ``v`` (n,); fourth order, with the same relative accuracy for small v."""
     q = np.asarray(q, dtype=np.float64)
     e = STEP[4] / (float(np.max(np.abs(v) / np.maximum(least, np.abs(q)))) or 1.0)
     return _along(lambda s: function(q + s * v), 0.0, e, 4) / e
@@ -113,9 +113,9 @@ def second_derivative_along(function: Callable[[float], Any], t: float, q: Any, 
 def second_derivative(
     function: Callable[[Any], Any], x: Any, weights: Any, pattern: Any = None, *, least: float = 1.0
 ) -> np.ndarray:
-    """The matrix (n, n) of second derivatives at ``x`` (n,) of the ``weights`` (rows,) times ``function``.
+    """Matrix (n, n) of second derivatives at ``x`` (n,) of ``weights`` (rows,) times ``function``.
 
-    With k groups of columns, all n of them without a ``pattern`` (rows, n), it takes k (k + 3) + 1 evaluations.
+    With k groups of columns (n without a ``pattern`` (rows, n)) it takes k (k + 3) + 1 evaluations.
     """
     x = np.asarray(x, dtype=np.float64)
     pattern = np.ones((np.size(weights), x.size)) if pattern is None else pattern
@@ -140,13 +140,13 @@ def second_derivative(
 
 
 def _steps(x: Any, relative: float, least: float) -> np.ndarray:
-    """A step for each entry of ``x`` (n,)."""
+    """Step for each entry of ``x`` (n,)."""
     steps: np.ndarray = (x + relative * np.maximum(least, np.abs(x))) - x  # exactly representable
     return steps
 
 
 def _step_along(relative: float, t: float, q: Any, v: Any, least: float) -> float:
-    """A step in time that moves t by at most ``relative`` and no coordinate by more than that times its size."""
+    """Step in time that changes t by at most ``relative`` and each coordinate by at most that times its size."""
     size = np.maximum(least, np.abs(np.asarray(q, dtype=np.float64)))
     speed = float(np.max(np.abs(v) / size, initial=0.0))
     e = relative / max(1.0, speed)
@@ -154,7 +154,7 @@ def _step_along(relative: float, t: float, q: Any, v: Any, least: float) -> floa
 
 
 def _along(function: Callable[[Any], Any], x: Any, step: Any, order: int, base: Any = None) -> np.ndarray:
-    """Change of ``function`` from ``x`` over ``step``, if it were linear."""
+    """Change of ``function`` from ``x`` over ``step``, to first order."""
     if order == 1:
         return np.asarray(function(x + step)) - base
     near = np.asarray(function(x + step)) - np.asarray(function(x - step))

@@ -1,7 +1,7 @@
-"""The functions of a NumPy system as operations of machine code: calls back into Python by address.
+"""Functions of a NumPy system as operations of machine code: calls back into Python by address.
 
-The formulas are traced as for any system; what the system itself computes is one operation each, ``foreign_p``, which
-machine code carries out as a call.  The addresses are parameters, so that code is shared by all systems of one structure.
+Formulas are traced as for any system; each function of the system itself is one operation, ``foreign_p``, which
+machine code performs as a call.  Addresses are parameters, so that code is shared by all systems of one structure.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from hhtbench.protocol.system import SIGNATURES, WITH_VELOCITY, Signature, decla
 foreign_p = Primitive("hhtbench_foreign")
 foreign_p.def_abstract_eval(lambda address, *arguments, shape: ShapedArray(shape, np.dtype(np.float64)))
 
-UNDECLARED = {  # sizes of the results of what no user declares
+UNDECLARED = {  # sizes of results of functions that no user declares
     "constraint_rows": ("mn",),
     "constraint_velocity": ("m",),
     "velocity_constraint_rows": ("pn",),
@@ -43,22 +43,22 @@ FUNCTIONS = {"mass": SIGNATURES["mass_matrix"]} | {
 
 
 def functions_of(s: Structure) -> dict[str, Signature]:
-    """``FUNCTIONS``, those of reactions as a system of this structure has them."""
+    """``FUNCTIONS``, with the reactions' signatures of this structure."""
     return FUNCTIONS | WITH_VELOCITY if s.reaction_uses_v else FUNCTIONS
 
 
-BY_ROWS = {  # what follows from Jacobians, where these are declared
+BY_ROWS = {  # functions that follow from Jacobians, where these are declared
     "constraint_rows": "constraint_jacobian",
     "constraint_velocity": "constraint_jacobian",
     "velocity_constraint_rows": "velocity_constraint_jacobian",
 }
-SIZES = {"t": "", "q": "n", "v": "n", "x": "n", "lam": "m", "mu": "p"}  #: of arguments, by letter
+SIZES = {"t": "", "q": "n", "v": "n", "x": "n", "lam": "m", "mu": "p"}  #: sizes of arguments, by letter
 
 
 class Called(eqx.Module, Dynamics):
-    """The functions of a dynamics of plain callables, to be traced."""
+    """Base class: a dynamics of plain callables that can be traced."""
 
-    addresses: Any  #: (functions,) float64 with the bits of their addresses
+    addresses: Any  #: (functions,) float64 holding the bits of the functions' addresses
     callbacks: Callbacks = eqx.field(static=True)
     noise: float = eqx.field(static=True)  # type: ignore[misc] # of the dynamics
     structure: Structure = eqx.field(static=True)
@@ -75,18 +75,18 @@ class Called(eqx.Module, Dynamics):
 
 
 class ForeignDynamics(Called):
-    """By full matrices; see :class:`~.jax_dynamics.JaxDynamics`."""
+    """Traceable dynamics of plain callables with full matrices; see :class:`~.jax_dynamics.JaxDynamics`."""
 
     own: tuple[str, ...] = eqx.field(static=True)  #: the functions that are called; the rest are derived from them
     constant_mass: Any = None  #: (n, n) when the mass is a constant
     inverse_mass: Any = None  #: (n, n) its inverse, likewise
 
     def gives(self, name: str) -> bool:
-        """Whether ``name`` is called."""
+        """True if ``name`` is called, not derived."""
         return name in self.own
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        """The result of the function ``name``, an array or several."""
+        """Result of the function ``name``, an array or several."""
         results = functions_of(self.structure)[name].results
         address, shape = self.addresses[list(FUNCTIONS).index(name)], _shape(results, self.structure)
         floats = (jnp.asarray(argument, dtype=float) for argument in (t, *arguments))
@@ -98,7 +98,7 @@ class ForeignDynamics(Called):
 
 
 def foreign(dynamics: Dynamics) -> ForeignDynamics:
-    """``dynamics`` of plain callables on NumPy arrays as one that can be traced."""
+    """Make ``dynamics`` of plain callables on NumPy arrays traceable."""
     s, callbacks = dynamics.structure, Callbacks(dynamics.system)
     users = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}  # of copies already, and to be copied from
     addresses = []
@@ -119,11 +119,11 @@ def foreign(dynamics: Dynamics) -> ForeignDynamics:
 
 
 def _joined(function: Callable[..., Any], n: int, *arguments: Any) -> Any:
-    """The matrices that ``function`` gives, side by side; None stands for zero."""
+    """The matrices that ``function`` returns, side by side; zeros for None."""
     return np.concatenate([np.zeros((n, n)) if part is None else part for part in function(*arguments)], axis=1)
 
 
 def _shape(sizes: tuple[str, ...], s: Structure) -> Shape:
-    """Of an array whose sizes are known by letter, or of matrices side by side."""
+    """Shape of an array whose sizes are given by letters, or of matrices side by side."""
     first, *others = (tuple(getattr(s, letter) for letter in letters) for letters in sizes)
     return (first[0], first[1] + sum(other[1] for other in others)) if others else first

@@ -1,7 +1,7 @@
-"""A large NumPy system with declared patterns, without full matrices: callbacks hand over entries, and rules derive by them.
+"""Large NumPy systems with declared patterns, without full matrices: callbacks return entries, used as derivatives.
 
-The formulas are traced as for any system.  What is differentiated by a step's unknowns has its derivative as entries that
-another callback gives; by the time, and what belongs to the state before a step, nothing is.
+Formulas are traced as for any system.  A function differentiated by a step's unknowns gets its derivative from the entries
+of another callback; derivatives by time, or by the state before a step, are not needed.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ VALUES = (  # functions by the letter of their size
 
 
 class Part(NamedTuple):
-    """Entries of a matrix that a function of the system gives."""
+    """Entries of a matrix that a function of the system returns."""
 
     function: str
-    which: int | None  #: of a pair of matrices; None: it gives one
+    which: int | None  #: index in a tuple of matrices; None: it returns one
     pattern: str
 
 
@@ -51,7 +51,7 @@ PARTS = {
     "mass_matrix": Part("mass", None, "mass_matrix"),
     "mass_product_jacobian": Part("mass_product_jacobian", None, "mass_product_jacobian"),
 }
-DERIVATIVES = {  # of functions: for an argument by its place the part, and its sign where the part stands transposed
+DERIVATIVES = {  # of functions: (index of the argument, part, 0 or the sign of the transposed part)
     "force": ((1, "force_q", 0), (2, "force_v", 0)),
     "mass_product": ((1, "mass_product_jacobian", 0), (2, "mass_matrix", 0)),
     "constraint": ((1, "constraint_jacobian", 0),),
@@ -66,29 +66,29 @@ NAMES = (*VALUES, *PARTS)
 
 
 def _taken(name: str) -> tuple[str, ...]:
-    """Names of the arguments of a function that is called; these reactions have no v."""
+    """Argument names of a function that is called; these reactions have no v."""
     return FUNCTIONS[name].arguments if name in FUNCTIONS else arguments_of(name)
 
 
 class ForeignProducts(Called):
-    """As products; of all patterns and default reactions."""
+    """Traceable dynamics as products with sparse matrices; needs all patterns and default reactions."""
 
     matrices: ClassVar[bool] = False
     patterns: Patterns
     constant_mass: Diagonal | Sparse | None = None  #: None: the identity, or it varies
     inverse_mass: Diagonal | BandInverse | None = None
-    entries: Entries | None = None  #: of a mass that varies
+    entries: Entries | None = None  #: pattern of a mass that varies
 
     @property
     def dependencies(self) -> Dynamics:
         return Dependencies(self, self.patterns, None if self.entries is None else self.entries.columns)
 
     def gives(self, name: str) -> bool:
-        """Every function that is called."""
+        """True for every function that is called."""
         return name in VALUES
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        """The value of the function ``name``, and by a rule of JAX's its derivative."""
+        """Value of the function ``name``, with its derivative as a JAX rule."""
         size, taken = getattr(self.structure, VALUES[name]), _taken(name)
 
         @jax.custom_jvp
@@ -147,9 +147,9 @@ class ForeignProducts(Called):
 
 
 def foreign_products(dynamics: Dynamics) -> ForeignProducts | None:
-    """``dynamics`` of plain callables without full matrices; None: a pattern is not declared, or reactions are.
+    """``dynamics`` of plain callables without full matrices; None if a pattern is missing or reactions are declared.
 
-    Nor is there one where the mass has no narrow band for its inverse.
+    None also if the mass is no narrow band, as its inverse needs.
     """
     s, patterns = dynamics.structure, patterns_of(dynamics)
     if isinstance(dynamics, AugmentedDynamics):  # its mass and its force have entries that nobody declared
@@ -178,7 +178,7 @@ def foreign_products(dynamics: Dynamics) -> ForeignProducts | None:
 
 
 def _address(dynamics: Dynamics, name: str, patterns: Patterns, callbacks: Callbacks) -> int:
-    """Of a function in Python for the values or the entries known as ``name``; 0 where the system has none."""
+    """Address of the Python function for the values or entries ``name``; 0 if the system has none."""
     s = dynamics.structure
     if name in VALUES:
         function, size, source = as_declared(dynamics, name), getattr(s, VALUES[name]), name
@@ -193,7 +193,7 @@ def _address(dynamics: Dynamics, name: str, patterns: Patterns, callbacks: Callb
 
 
 def _entries(function: Callable[..., Any], which: int | None, pattern: Any, *arguments: Any) -> Any:
-    """Of the matrix that ``function`` gives; None stands for zero."""
+    """Entries of the matrix that ``function`` returns; zero for None."""
     matrix = function(*arguments)
     matrix = matrix if which is None else matrix[which]
     return 0.0 if matrix is None else matrix[pattern[0], pattern[1]]

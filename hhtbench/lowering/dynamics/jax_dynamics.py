@@ -1,4 +1,4 @@
-"""Terms of a JAX system by automatic differentiation.  Pure: they can be traced and compiled."""
+"""Terms of a JAX system by automatic differentiation; pure, so that they can be traced and compiled."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hhtbench.protocol.system import SIGNATURES, System, declared
 
 
 class JaxDynamics(eqx.Module, Dynamics):
-    """Every term of the equations of motion; a pytree, so parameters are traced, not baked in."""
+    """Every term of the equations of motion of a JAX system; a pytree, so that parameters are traced."""
 
     __getattribute__ = plain_attributes
     system: System
@@ -28,7 +28,7 @@ class JaxDynamics(eqx.Module, Dynamics):
         return jnp
 
     def gives(self, name: str) -> bool:
-        """Whether the user declares the function ``name``, and it is not to be ignored."""
+        """True if the user declares the function ``name`` and it is not ignored."""
         return name in SIGNATURES and name not in self.ignored and declared(self.system, name) is not None
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:

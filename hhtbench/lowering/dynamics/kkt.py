@@ -29,10 +29,10 @@ NARROW = 64  # diagonals up to which a band takes less time: that of a chain a t
 
 
 class AccelerationLevel:
-    """Solves (H16) at any point; one compiled function for residual and matrix, which is sparse for large systems."""
+    """Solver of (H16) at any point, by one compiled function for residual and matrix; sparse for large systems."""
 
     def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
-        """``full``: the matrix is an array also for large systems."""
+        """``full``: use full matrices also for large systems."""
         s = self.structure = dynamics.structure
         self._last: tuple[float, Vector, Vector, Acceleration] | None = None
         products = None if full else large(dynamics)
@@ -66,7 +66,7 @@ class AccelerationLevel:
         return found
 
     def _solved(self, t: float, q: Vector, v: Vector, x: Vector) -> Acceleration:
-        """The root that is found from ``x`` (N,)."""
+        """Newton's iteration from ``x`` (N,)."""
         s, last, converged, singular, weakest = self.structure, np.inf, False, False, 1.0
         for _ in range(MAX_ITERATIONS):
             residual, matrix = self.terms(t, q, v, x)
@@ -91,9 +91,9 @@ class AccelerationLevel:
         return Acceleration(x[: s.n], x[s.n : s.n + s.m], x[s.n + s.m :], converged, singular, weakest)
 
     def left_free(self, t: float, q: Vector, v: Vector, x: Vector, rows: int) -> tuple[Vector, Any] | None:
-        """What constraints at (t, q, v) leave of accelerations x (n,) by applied forces, (n,), and its metric, M (n, n).
+        """Part of accelerations x (n,) by applied forces that constraints at (t, q, v) leave, (n,), and M (n, n).
 
-        Of constraints the first ``rows`` of [g_q; k_v].  None where the matrix is singular.
+        Only the first ``rows`` of [g_q; k_v] are used.  None where the matrix is singular.
         """
         n, m, p = x.size, self.structure.m, self.structure.p
         _, matrix = self.terms(t, q, v, np.zeros(n + m + p))
@@ -106,10 +106,10 @@ class AccelerationLevel:
         return None if found is None else (found[:n], mass)
 
     def _in_balance(self, t: float, q: Vector, v: Vector, x: Vector) -> bool:
-        """Whether roundoff is left of the equations at ``x``.
+        """True if the residual of the equations at ``x`` is roundoff.
 
-        Multipliers near zero beside large forces are roundoff, and so are accelerations near zero, as in equilibrium: rows
-        of constraints may be off by what forces on their own bodies would do to these.
+        Multipliers near zero beside large forces are roundoff, and so are accelerations near zero, as in equilibrium:
+        constraint rows may be off by the accelerations that each force alone would cause.
         """
         residual, matrix = self.terms(t, q, v, x)
         sizes = abs(matrix) @ np.abs(x) + np.abs(self.terms(t, q, v, 0.0 * x)[0])
@@ -138,15 +138,15 @@ def _solve_scaled(matrix: Matrix, right: Vector, n: int) -> Vector | None:
 
 
 def _sizes(matrix: Matrix, axis: int) -> Vector:
-    """Largest magnitudes along ``axis``; one where there are only zeros."""
+    """Largest magnitudes along ``axis``; one where all are zero."""
     largest = np.abs(matrix).max(axis=axis)
     return np.where(largest == 0.0, 1.0, largest)
 
 
 def solve_scaled_sparse(matrix: sp.csr_array, right: Vector) -> tuple[Vector | None, float]:
-    """Solve after scaling rows and columns to size one; None when the matrix is singular to working precision.
+    """Solve with rows and columns scaled to size one; (solution, least over largest pivot).
 
-    Second: the least pivot over the largest.
+    The solution is None when the matrix is singular to working precision.
     """
     entries: Any = matrix.tocoo()
     i, j, values = entries.row, entries.col, entries.data
@@ -163,14 +163,14 @@ def solve_scaled_sparse(matrix: sp.csr_array, right: Vector) -> tuple[Vector | N
 
 
 def _largest(values: Vector, places: Any, size: int) -> Vector:
-    """The largest magnitude in every place (size,)."""
+    """Largest magnitude among the ``values`` at each index, (size,)."""
     found = np.zeros(size)
     np.maximum.at(found, places, np.abs(values))
     return found
 
 
 def _solve_sparse(matrix: Any, right: Vector) -> tuple[Vector, Vector]:
-    """The solution and the magnitudes of the pivots: by LAPACK in a narrow band, else by SuperLU."""
+    """Solution and magnitudes of the pivots: by LAPACK for a narrow band, else by SuperLU."""
     order = np.asarray(reverse_cuthill_mckee(matrix.tocsr()))
     place = np.argsort(order)
     i, j = place[matrix.row], place[matrix.col]
@@ -190,5 +190,5 @@ def _solve_sparse(matrix: Any, right: Vector) -> tuple[Vector, Vector]:
 
 
 def _relative(increment: Vector, block: Vector) -> Any:
-    """Largest increment in units of the largest entry of its block: accelerations, or all multipliers."""
+    """Largest increment relative to the largest entry of its block (accelerations, or all multipliers)."""
     return np.max(np.abs(increment), initial=0.0) / np.maximum(np.max(np.abs(block), initial=0.0), np.finfo(float).tiny)

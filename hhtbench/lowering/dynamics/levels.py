@@ -1,4 +1,4 @@
-"""Position and velocity level of the constraints at a point, with Jacobians: for starts, drift and rank."""
+"""Position and velocity levels of the constraints at a point, with Jacobians, for starts, drift and rank."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ CONSISTENT = 1e-8  # misfit up to which a start counts as consistent, for solver
 
 
 class Misfit(NamedTuple):
-    """By how much one row of the constraints is violated at a start."""
+    """Violation of one constraint row at a start."""
 
     name: str
     value: float
@@ -44,13 +44,13 @@ class Levels:
 
     @property
     def ranked(self) -> bool:
-        """Whether there is a rank: every entry is finite, and no row is zero."""
+        """True if a rank is defined: every entry is finite, and no row is zero."""
         sizes = np.asarray(np.abs(self.rows).sum(axis=1))
         return bool((np.isfinite(sizes) & (sizes > 0.0)).all())
 
     @cached_property
     def rank(self) -> ConstraintRank:
-        """Of [g_q; k_v]."""
+        """Rank of [g_q; k_v]."""
         from hhtbench.lowering.dynamics.rank import constraint_rank  # starts that are plainly good are not asked for it
 
         return constraint_rank(self.rows)
@@ -74,13 +74,13 @@ class Levels:
         return _relative(self.velocity_drift, size)
 
     def hold(self, q: Vector, v: Vector, bound: float) -> bool:
-        """Whether no row is violated at the start (q, v) by half of ``bound``, of its size; :meth:`misfits` tells more."""
+        """True if no row is violated at the start (q, v) by more than half of ``bound``; see :meth:`misfits` for details."""
         sizes, m = 0.5 * bound * np.asarray(np.abs(self.rows).sum(axis=1)), self.position.size
         close = np.abs(self.position) <= sizes[:m] * size_of(q)
         return bool(close.all() and (np.abs(self.velocity_drift) <= sizes * size_of(v)).all())
 
     def misfits(self, q: Vector, v: Vector) -> tuple[list[Misfit], list[Misfit]]:
-        """How far the start (q, v) of these levels is from consistent: at the position level, at the velocity level."""
+        """Violations of all rows at the start (q, v), at the position level and at the velocity level."""
         m, p = self.position.size, self.velocity.size
         names = [f"(g_t + g_q v)[{i}]" for i in range(m)] + [f"k[{i}]" for i in range(p)]
         position = zip([f"g[{i}]" for i in range(m)], self.position, self.scaled_position(size_of(q)), strict=True)
@@ -92,7 +92,7 @@ _Found = tuple[float, Vector, Vector, Levels]  # t, q, v and what was found ther
 
 
 def size_of(x: Vector) -> float:
-    """Largest entry; one where all are zero, at the origin or at rest, where roundoff has no size to be measured by."""
+    """Largest magnitude; one where all entries are zero."""
     return (float(np.abs(x).max()) if x.size else 0.0) or 1.0
 
 
@@ -100,7 +100,7 @@ class ConstraintLevels:
     """Evaluates :class:`Levels` of one system; calls nothing of a level that is not declared."""
 
     def __init__(self, dynamics: Dynamics, *, full: bool = False) -> None:
-        """``full``: Jacobians are arrays also for large systems."""
+        """``full``: Jacobians are full arrays also for large systems."""
         s, self._dynamics = dynamics.structure, dynamics
         self.structure = s
         self._pure, self._last = route_of(dynamics) != "numpy", cast("_Found | None", None)
@@ -112,7 +112,7 @@ class ConstraintLevels:
             self._rates = compile_function(level_rates, products, route="xla")
 
     def at(self, t: float, q: Vector, v: Vector) -> Levels:
-        """The levels at (t, q, v)."""
+        """The constraint levels at (t, q, v)."""
         last = self._last
         if last is not None and last[0] == t and last[1] is q and last[2] is v:
             return last[3]
@@ -163,7 +163,7 @@ def level_terms(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
 
 
 def stacked_levels(dynamics: Dynamics, y: Any, t: Any, q: Any) -> Any:
-    """g at ``y[:n]`` and k at (q, ``y[n:]``), (m + p,): its derivative by y is [g_q 0; 0 k_v]."""
+    """g at ``y[:n]`` and k at (q, ``y[n:]``), (m + p,), whose derivative by y is [g_q 0; 0 k_v]."""
     s = dynamics.structure
     parts = [dynamics.constraint(t, y[: s.n])] if s.m else []
     return dynamics.xp.concatenate([*parts, dynamics.velocity_constraint(t, q, y[s.n :])] if s.p else parts)
@@ -175,7 +175,7 @@ def level_rates(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
 
 
 def _spread(size: Any, n: int) -> Vector:
-    """A number for every one of ``n`` coordinates, or (n,) as it is."""
+    """Expand a number to ``n`` coordinates; (n,) stays as it is."""
     return np.full(n, size) if type(size) is float else np.broadcast_to(size, n)
 
 

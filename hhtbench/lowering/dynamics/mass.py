@@ -1,4 +1,4 @@
-"""The mass matrix, of a large system kept as its diagonal or its entries: is it symmetric, is it singular, its inverse."""
+"""The mass matrix, also as a diagonal or by its entries: symmetry, singularity, inverse."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ _constant = Cache(64)  # verdicts on masses that are constant
 
 
 class Diagonal(eqx.Module):
-    """``diag(values)``; multiplies like the matrix (n, n) it stands for and becomes it only where somebody asks."""
+    """Matrix ``diag(values)`` (n, n); multiplies without forming the full matrix."""
 
     values: Any  #: (n,)
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(n, n)."""
+        """Shape (n, n)."""
         return (self.values.size, self.values.size)
 
     def __matmul__(self, x: Any) -> Any:
@@ -42,7 +42,7 @@ class Diagonal(eqx.Module):
         return np.diag(np.asarray(self.values, dtype=dtype))
 
     def entries(self) -> sp.csr_array:
-        """SciPy's matrix (n, n)."""
+        """The matrix (n, n) in SciPy's sparse format."""
         return sp.diags_array(np.asarray(self.values), format="csr")
 
     def inverse(self) -> Diagonal | None:
@@ -51,14 +51,14 @@ class Diagonal(eqx.Module):
 
 
 class Sparse(eqx.Module):
-    """A matrix (n, n) by the entries of its rows; multiplies like it, and becomes it only where somebody asks."""
+    """Matrix (n, n) by the entries of its rows; multiplies without forming the full matrix."""
 
     values: Any  #: (n, k)
     columns: Any  #: (n, k) whole numbers; rows of less than k entries have the last column again, with zeros
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(n, n)."""
+        """Shape (n, n)."""
         return (self.columns.shape[0], self.columns.shape[0])
 
     @property
@@ -75,7 +75,7 @@ class Sparse(eqx.Module):
         return np.asarray(self.entries().toarray(), dtype=dtype)
 
     def entries(self) -> sp.csr_array:
-        """SciPy's matrix (n, n)."""
+        """The matrix (n, n) in SciPy's sparse format."""
         n, k = self.columns.shape
         given = np.array(self.values).ravel(), np.array(self.columns).ravel(), k * np.arange(n + 1, dtype=np.int32)
         matrix = sp.csr_array(given, shape=(n, n))
@@ -90,14 +90,14 @@ class Sparse(eqx.Module):
 
 
 def row_by_row(matrix: Any) -> tuple[Any, Any]:
-    """(n, k) the places of a matrix's entries, row by row; False where a row has less than k, and its last stands again."""
+    """(n, k) indices of a matrix's entries, row by row, and a mask that is False where a short row repeats its last."""
     counts = np.diff(matrix.indptr)
     place = np.minimum(np.arange(counts.max()), counts[:, None] - 1)
     return matrix.indptr[:-1, None] + place, place == np.arange(counts.max())
 
 
 def compact(mass: Any, xp: Any) -> Any:
-    """A constant mass (n, n) as its diagonal, or as its entries where these are few and give an inverse; else as it is."""
+    """A constant mass (n, n) as Diagonal or Sparse if its inverse is a diagonal or band too, else unchanged."""
     if isinstance(mass, Diagonal | Sparse):
         return mass
     entries = sp.csr_array(np.asarray(mass))
@@ -120,12 +120,12 @@ def full(matrix: Any, xp: Any) -> Any:
 
 
 def mass_at(dynamics: Any, t: Any, q: Any) -> Any:
-    """M (n, n)."""
+    """Mass matrix M (n, n)."""
     return dynamics.mass(t, q)
 
 
 def infinite_entry(mass: Any) -> tuple[tuple[int, ...], float] | None:
-    """Where a constant mass is not finite, and what stands there; None where it is."""
+    """Index and value of an entry of a constant mass that is not finite; None if all are."""
     if mass is None or np.isfinite(np.asarray(mass.values if isinstance(mass, Diagonal | Sparse) else mass)).all():
         return None
     entries = np.asarray(mass)
@@ -134,7 +134,7 @@ def infinite_entry(mass: Any) -> tuple[tuple[int, ...], float] | None:
 
 
 def singular_at(dynamics: Any, t: float, q: Vector) -> bool:
-    """Whether the mass is singular at (t, q); one that is not finite is not.  Warns where it is not symmetric."""
+    """True if the mass is singular at (t, q), False if it is not finite; warns if it is not symmetric."""
     if dynamics.structure.mass == "identity":
         return False
     if isinstance(dynamics.constant_mass, Diagonal | Sparse):
@@ -151,12 +151,12 @@ def singular_at(dynamics: Any, t: float, q: Vector) -> bool:
 
 
 def _judged(mass: Matrix) -> tuple[bool, str]:
-    """Whether ``mass`` is singular, and where it is not symmetric; nothing is said of what is not finite."""
+    """(singular, text on its asymmetry) of ``mass``; (False, "") if it is not finite."""
     return (mass_is_singular(mass), asymmetry(mass)[1]) if np.isfinite(mass).all() else (False, "")
 
 
 def plain_mass(dynamics: Any) -> bool:
-    """Whether a start can only be refused for a mass that varies: it is a JAX system's own, symmetric, with an inverse."""
+    """True if the mass needs no check at a start, or only where it varies: a JAX system's own, symmetric and regular."""
     mass = dynamics.constant_mass
     if dynamics.xp is np or dynamics.wraps or mass is None:
         return dynamics.xp is not np and not dynamics.wraps
@@ -165,9 +165,9 @@ def plain_mass(dynamics: Any) -> bool:
 
 
 def inverse_of(mass: Any, xp: Any) -> Any:
-    """The inverse of a constant mass, or None where there is none or it is singular (solvers then augment it).
+    """Inverse of a constant mass; None if there is none or it is singular (solvers then augment it).
 
-    Of a mass that is not finite it is NaN: the start then names the entry.
+    NaN for a mass that is not finite: the start then names the entry.
     """
     if mass is None or isinstance(mass, Diagonal | Sparse):
         return None if mass is None else mass.inverse()
@@ -177,9 +177,9 @@ def inverse_of(mass: Any, xp: Any) -> Any:
 
 
 def asymmetry(mass: Matrix) -> tuple[float, str]:
-    """How far the mass matrix (n, n) is from symmetric, and the worst pair of entries as text, "" within roundoff.
+    """Relative asymmetry of the mass matrix (n, n), and the worst pair of entries as text, "" within roundoff.
 
-    Measured by the root of the product of the two diagonal entries, which no entry of a positive definite matrix exceeds.
+    Relative to the root of the product of the two diagonal entries, the bound for a positive definite matrix.
     """
     diagonal = np.sqrt(np.abs(np.diag(mass)))
     size = np.outer(diagonal, diagonal)
@@ -191,7 +191,7 @@ def asymmetry(mass: Matrix) -> tuple[float, str]:
 
 
 def mass_is_singular(mass: Matrix) -> bool:
-    """Whether the mass matrix (n, n) is singular to working precision, its diagonal scaled to one."""
+    """True if the mass matrix (n, n), its diagonal scaled to one, is singular to working precision."""
     scale = np.sqrt(np.abs(np.diag(mass)))
     if np.any(scale == 0):
         return True

@@ -1,7 +1,7 @@
-"""Terms of a large JAX system without a single dense matrix: products instead of Jacobians.
+"""Terms of large JAX systems without dense matrices: products instead of Jacobians.
 
-``g_q v`` is a derivative along v and ``g_q^T lam`` the pull-back of lam; both cost about one evaluation of g, where the
-Jacobian of a chain of N links would cost N and hold N^2 numbers.  Declared Jacobians are dense arrays and are not called.
+``g_q v`` is a derivative along v and ``g_q^T lam`` a vector-Jacobian product; both cost about one evaluation of g, where
+the Jacobian of a chain of N links would cost N and hold N^2 numbers.  Declared Jacobians are dense and are not called.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _entries = Cache(16)  # of masses: tracing takes a second
 
 
 class MatrixFree(Wrapper):
-    """The functions of ``inner`` as products; masses are diagonal or sparse."""
+    """The functions of ``inner`` as products; masses are Diagonal or Sparse."""
 
     matrices: ClassVar[bool] = False
     inner: JaxDynamics | ReducedDynamics
@@ -51,14 +51,14 @@ class MatrixFree(Wrapper):
         return Coloured(function, self, example=example)
 
     def often_called(self, function: Callable[..., Any], *static: Any, example: tuple[Any, ...]) -> OftenCalled:
-        """The same of ``function(self, *static, x, *rest)`` as machine code where that is known how."""
+        """``function(self, *static, x, *rest)`` with its sparse derivative by x, as machine code where possible."""
         return OftenCalled(function, self, *static, example=example)
 
     def mass(self, t: Any, q: Any) -> Any:
         return Diagonal(jnp.ones(self.structure.n)) if self.constant_mass is None else self.constant_mass
 
     def mass_at(self, t: float, q: Any) -> Diagonal | Sparse:
-        """M at a place, by numbers."""
+        """M at (t, q), as numbers."""
         found: Diagonal | Sparse = self.mass(t, q)
         return found
 
@@ -103,7 +103,7 @@ class MatrixFree(Wrapper):
 
 
 class VariableMass(MatrixFree):
-    """The same for a mass of few entries that varies."""
+    """:class:`MatrixFree` for a variable mass with few entries."""
 
     entries: Entries = eqx.field(kw_only=True)
 
@@ -119,7 +119,7 @@ class VariableMass(MatrixFree):
         return Dependencies(self, patterns_of(self.inner) | {"mass_matrix": self.entries.pattern}, self.entries.columns)
 
     def mass_at(self, t: float, q: Any) -> Sparse:
-        """M at a place, compiled."""
+        """M at (t, q), computed by compiled code."""
         values = compile_function(entries_of_mass, self)(t, q)
         return Sparse(np.reshape(values, self.entries.columns.shape), self.entries.columns)
 
@@ -129,12 +129,12 @@ class VariableMass(MatrixFree):
 
 
 def entries_of_mass(dynamics: VariableMass, t: Any, q: Any) -> Any:
-    """Those of M, row by row, (n k,)."""
+    """Entries of M, row by row, (n k,)."""
     return dynamics.mass(t, q).values.ravel()
 
 
 class Conjugate(MatrixFree):
-    """The same with the reactions -g_q^T lam and -k_v^T mu, whatever is declared: its KKT matrix is that of projections."""
+    """:class:`MatrixFree` with reactions -g_q^T lam and -k_v^T mu, whatever is declared, as projections need."""
 
     def reaction(self, t: Any, q: Any, v: Any, lam: Any) -> Any:
         return -self.position_column(t, q, lam)
@@ -144,11 +144,11 @@ class Conjugate(MatrixFree):
 
 
 class ConjugateVariable(Conjugate, VariableMass):
-    """The same for a mass of few entries that varies."""
+    """:class:`Conjugate` for a variable mass with few entries."""
 
 
 def conjugate(products: MatrixFree) -> Conjugate:
-    """``products`` with those reactions."""
+    """``products`` with the reactions -g_q^T lam and -k_v^T mu."""
     inner, mass, inverse = products.inner, products.constant_mass, products.inverse_mass
     if isinstance(products, VariableMass):
         return ConjugateVariable(inner, mass, inverse, entries=products.entries)
@@ -156,7 +156,7 @@ def conjugate(products: MatrixFree) -> Conjugate:
 
 
 def products_of(dynamics: Dynamics) -> MatrixFree | None:
-    """What :func:`~.products.matrix_free` gives."""
+    """The result of :func:`~.products.matrix_free`."""
     origin = dynamics.inner if isinstance(dynamics, ReducedDynamics) else dynamics
     if not isinstance(origin, JaxDynamics):
         return None
@@ -177,7 +177,7 @@ def products_of(dynamics: Dynamics) -> MatrixFree | None:
 
 
 def _entries_of(dynamics: JaxDynamics) -> Entries | None:
-    """Where M can differ from zero, as declared or read off its computation."""
+    """Pattern of M, as declared or read from its computation."""
     n, patterns = dynamics.structure.n, patterns_of(dynamics)
     if "mass_matrix" in patterns:
         rows, columns = patterns["mass_matrix"]

@@ -1,4 +1,4 @@
-"""Names of a system that are nearly names of the protocol, and that nothing reads: a declaration that would do nothing."""
+"""Detect declarations whose name is nearly one of the protocol's and that nothing reads."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def expect_names(kind: type) -> None:
     Raises
     ------
     ProblemError
-        It does; the text gives the right name.
+        It does; the message gives the right name.
     """
     given = {*System.__mro__, NumpySystem}
     own = [base for base in kind.__mro__ if base not in given]
@@ -45,7 +45,7 @@ def expect_names(kind: type) -> None:
 
 
 def _read(member: str, value: Any) -> set[str]:
-    """Names that the ``member`` of a class reads, itself not, by its own code and by functions beside the class."""
+    """Names that the ``member`` of a class reads, except itself, in its own code and in functions that it calls."""
     read, seen, found = set[str](), set[FunctionType](), list(_functions(value))
     while found:
         function = found.pop()
@@ -61,7 +61,7 @@ def _read(member: str, value: Any) -> set[str]:
 
 
 def _functions(value: Any) -> Iterator[FunctionType]:
-    """Functions in Python that ``value`` consists of: itself, and what decorators wrap."""
+    """Yield the Python functions in ``value``: itself, and those that decorators wrap."""
     if isinstance(value, FunctionType):
         yield value
     for name in INSIDE:
@@ -71,7 +71,7 @@ def _functions(value: Any) -> Iterator[FunctionType]:
 
 
 def _enclosed(function: FunctionType) -> list[Any]:
-    """What ``function`` closes over, as far as it is bound."""
+    """Values of the closure of ``function``, as far as they are bound."""
     found = []
     for cell in function.__closure__ or ():
         with suppress(ValueError):
@@ -80,7 +80,7 @@ def _enclosed(function: FunctionType) -> list[Any]:
 
 
 def _loaded(code: CodeType) -> Iterator[str]:
-    """Names that ``code`` and the functions within it load; what it only stores, as a start does its fields, is not read."""
+    """Yield names that ``code`` and functions within it load; names that are only stored are not read."""
     for instruction in dis.get_instructions(code):
         if instruction.opname in LOADS:
             yield instruction.argval

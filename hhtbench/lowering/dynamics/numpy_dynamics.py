@@ -46,7 +46,7 @@ NOISE = EPS ** (2 / 3)  # relative error of reactions by differences of second o
 
 @dataclass(frozen=True)
 class NumpyDynamics(Dynamics):
-    """Every term of the equations of motion on NumPy arrays."""
+    """Terms of a NumpySystem's equations of motion, on NumPy arrays."""
 
     system: NumpySystem
     structure: Structure
@@ -69,12 +69,12 @@ class NumpyDynamics(Dynamics):
 
     @cached_property
     def functions(self) -> dict[str, Callable[..., Any]]:
-        """The declared callbacks, for a float t and copies that are theirs; results are checked, but may change later."""
+        """The declared callbacks, taking a float t and arrays that they own; results are checked but not copied."""
         names = (name for name in SIGNATURES if name not in self.ignored and callable(declared(self.system, name)))
         return {name: self._checked(name) for name in names}
 
     def gives(self, name: str) -> bool:
-        """Whether the user declares the function ``name``, and it is not to be ignored."""
+        """True if the user declares the function ``name`` and it is not ignored."""
         return name in self.functions
 
     def _checked(self, name: str) -> Callable[..., Any]:
@@ -94,7 +94,7 @@ class NumpyDynamics(Dynamics):
         return evaluate
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        """The checked result of the callback ``name``, an array or several, which nobody else holds."""
+        """Checked copy of the result of the callback ``name``, an array or several."""
         value = self.functions[name](float(t), *[np.array(argument, dtype=np.float64) for argument in arguments])
         if isinstance(value, tuple):
             return tuple(part if part is None else part.copy() for part in value)
@@ -104,13 +104,13 @@ class NumpyDynamics(Dynamics):
         return self._by_differences(derivative, function, x, order, self.patterns.get(pattern))
 
     def _by_differences(self, scheme: Callable[..., Any], *arguments: Any, **how: Any) -> Any:
-        """What a ``scheme`` of differences gives, its calls counted as those of the derivative that would save them."""
+        """Apply a ``scheme`` of differences, its calls counted for the derivative that a declaration would save."""
         with differencing(self.gives):
             return scheme(*arguments, least=self.least, **how)
 
     @cached_property
     def patterns(self) -> dict[str, Any]:
-        """The patterns that are declared, and those of default reactions, which follow."""
+        """Declared patterns, and those of default reactions that follow from them."""
         given = checked_patterns(declared(self.system, "sparsity"))
         found = {name: full_pattern(pattern) for name, pattern in given.items()}
         for name, of_rows in (("reaction", "constraint_jacobian"), ("velocity_reaction", "velocity_constraint_jacobian")):
@@ -123,7 +123,7 @@ class NumpyDynamics(Dynamics):
         return self._by_differences(derivative_along, lambda e: function(t + e, q + e * v), float(t), q, v)
 
     def _kept(self, name: str, make: Callable[..., Any], t: Any, *place: Any) -> Any:
-        """What ``make`` gives at a place, remembered of the last places of the solve."""
+        """Result of ``make`` at a point, cached for the last points of the solve."""
         kept, key = kept_of_solve(), (id(self), name, float(t), *(np.asarray(x).tobytes() for x in place))
         owner, found = kept.pop(key, (None, None))
         if owner is not self:
@@ -136,17 +136,17 @@ class NumpyDynamics(Dynamics):
 
     @unless_given
     def constraint_jacobian(self, t: Any, q: Any) -> Any:
-        """g_q (m, n), with an error of 1e-12."""
+        """Constraint Jacobian g_q (m, n), with an error of 1e-12 if by differences."""
         return self._kept("constraint_jacobian", super().constraint_jacobian, t, q)
 
     @unless_given
     def velocity_constraint_jacobian(self, t: Any, q: Any, v: Any) -> Any:
-        """k_v (p, n), likewise."""
+        """Velocity constraint Jacobian k_v (p, n), with an error of 1e-12 if by differences."""
         return self._kept("velocity_constraint_jacobian", super().velocity_constraint_jacobian, t, q, v)
 
     @unless_given
     def constraint_velocity(self, t: Any, q: Any, v: Any) -> Any:
-        """g_t + g_q v (m,): without a declared Jacobian the product by differences along v, which takes four calls."""
+        """g_t + g_q v (m,); without a declared Jacobian by differences along v, in four calls."""
         if self.gives("constraint_jacobian"):
             return super().constraint_velocity(t, q, v)
         along = self._by_differences(product, lambda x: self.constraint(t, x), q, v)
@@ -165,14 +165,14 @@ class NumpyDynamics(Dynamics):
 
     @unless_given
     def constraint_acceleration(self, t: Any, q: Any, v: Any) -> Any:
-        """g_tt + 2 g_tq v + g_qq(v, v) (m,): without a declared Jacobian the second difference of g, not one of one."""
+        """g_tt + 2 g_tq v + g_qq(v, v) (m,); without a declared Jacobian by second differences of g."""
         if self.gives("constraint_jacobian"):
             return super().constraint_acceleration(t, q, v)
         curve = lambda e: self.constraint(t + e, q + e * v)  # noqa: E731
         return self._by_differences(second_derivative_along, curve, float(t), q, v)
 
     def constraint_rows(self, t: Any, q: Any) -> Any:
-        """g_q (m, n), without a declared Jacobian with an error of 4e-11, by half the calls."""
+        """g_q (m, n); without a declared Jacobian with an error of 4e-11, by half the calls."""
         if self.gives("constraint_jacobian"):
             return self.constraint_jacobian(t, q)
         rows = lambda t, q: self.jacobian(lambda x: self.constraint(t, x), q, "constraint_jacobian", 2)  # noqa: E731
@@ -187,7 +187,7 @@ class NumpyDynamics(Dynamics):
         return by_q, None, self.reaction_columns(t, q, v, lam)
 
     def velocity_constraint_rows(self, t: Any, q: Any, v: Any) -> Any:
-        """k_v (p, n), like :meth:`constraint_rows`."""
+        """k_v (p, n) by fewer calls, as :meth:`constraint_rows`."""
         if self.gives("velocity_constraint_jacobian"):
             return self.velocity_constraint_jacobian(t, q, v)
 
@@ -207,7 +207,7 @@ class NumpyDynamics(Dynamics):
 
 
 def checked_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...], t: float) -> tuple[np.ndarray | None, ...]:
-    """A callback's matrices, each checked; None stands for zero."""
+    """Matrices returned by a callback, each checked; None means zero."""
     return tuple(
         None if part is None else checked_result(f"{function}[{i}]", part, shape, t)
         for i, (part, shape) in enumerate(zip(expect_parts(function, value, shapes), shapes, strict=True))
@@ -215,9 +215,9 @@ def checked_parts(function: str, value: Any, shapes: tuple[tuple[int, ...], ...]
 
 
 def checked_result(function: str, value: Any, expected: tuple[int, ...], t: float) -> np.ndarray:
-    """A callback's result as float64, itself where it is an array of them; refused when its type, shape or values are wrong.
+    """A callback's result as float64; raises if its type, shape or values are wrong.
 
-    A scalar of the system counts as no array: ``(1,)`` is wanted where n = 1.
+    Not copied if it is a float64 array.  A scalar is refused: ``(1,)`` is needed where n = 1.
     """
     if type(value) is np.ndarray and value.dtype is FLOAT:
         array = value
@@ -235,7 +235,7 @@ def checked_result(function: str, value: Any, expected: tuple[int, ...], t: floa
 
 
 def structure_of(system: NumpySystem, t: float, q: Vector, v: Vector) -> Structure:
-    """Of a system whose functions are called once at the place, to count its constraints."""
+    """Structure of ``system``, whose functions are called once at the point to count its constraints."""
 
     def result(name: str) -> np.ndarray:
         copies = [np.array({"q": q, "v": v}[symbol], dtype=np.float64) for symbol in SIGNATURES[name].arguments[1:]]
@@ -258,7 +258,7 @@ def derive_numpy(
     ignored: tuple[str, ...],
     without: tuple[str, ...],
 ) -> NumpyDynamics:
-    """The functions of ``system`` as :func:`~.derive.derive` gives them."""
+    """The dynamics of ``system``; see :func:`~.derive.derive`."""
     mass = declared(system, "mass_matrix") if structure.mass == "constant" else None
     constant = mass_as_matrix(mass, structure.n, np)
     found = NumpyDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, np))
@@ -266,7 +266,7 @@ def derive_numpy(
 
 
 def _differenced(dynamics: NumpyDynamics, t: float, v: Vector) -> Iterator[Callable[[Vector], Any]]:
-    """Declared functions of q whose derivatives are not declared."""
+    """Yield the declared functions of q whose derivatives are not declared."""
     gives = dynamics.gives
     if not gives("force_jacobians"):
         yield lambda q: dynamics.force(t, q, v)

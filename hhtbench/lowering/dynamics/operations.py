@@ -1,7 +1,6 @@
-"""What one evaluation costs, counted in operations on numbers: of the equations' residual, and of an acceleration.
+"""Operation counts of one residual and of one acceleration of a system, independent of the machine.
 
-A residual of (H16) multiplies; an acceleration solves it for v', lam and mu, and so needs the entries of its matrix too and
-their factorisation.  Counted, not timed: the same on every machine, whatever code a solver runs.
+An acceleration solves (H16) for v', lam and mu, and so needs the matrix and its factorisation; a residual does not.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from scipy.sparse.linalg import splu
 
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.lowering.compile.coloured import Indices, find_pattern
-from hhtbench.lowering.compile.routes import MOST_UNKNOWNS, route_of
+from hhtbench.lowering.compile.routes import MAX_UNKNOWNS, route_of
 from hhtbench.lowering.dynamics.derive import derive
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure
 from hhtbench.lowering.dynamics.kkt_rows import kkt_residual, kkt_terms
@@ -28,10 +27,10 @@ _counted = Cache(64)  # a second for some mechanisms
 
 
 def operations(system: System | NumpySystem, t: float, q: Vector, v: Vector) -> dict[str, int] | None:
-    """Operations of one residual and of one acceleration of ``system`` by name.
+    """Numbers of operations of one residual and of one acceleration of ``system``, by name.
 
     None where its functions cannot be read, or determine no acceleration.
-    Of an acceleration that Newton's iteration finds, a reaction being nonlinear in the multipliers, one iteration.
+    For a reaction nonlinear in the multipliers, one iteration of Newton's method counts as an acceleration.
     """
     dynamics = derive(system, t, q, v)
     found: dict[str, int] | None = _counted.find(by_id(dynamics), lambda: _operations(dynamics))
@@ -42,7 +41,7 @@ def _operations(dynamics: Any) -> dict[str, int] | None:
     s = dynamics.structure
     if route_of(dynamics) == "numpy":
         return None
-    if s.n + s.m + s.p > MOST_UNKNOWNS:
+    if s.n + s.m + s.p > MAX_UNKNOWNS:
         dynamics = matrix_free(dynamics) or dynamics
     try:
         residual = count_operations(kkt_residual, dynamics, shapes=((s.n + s.m + s.p,), (), (s.n,), (s.n,)))
@@ -52,7 +51,7 @@ def _operations(dynamics: Any) -> dict[str, int] | None:
 
 
 def _of_acceleration(dynamics: Dynamics, s: Structure) -> int:
-    """Of residual and matrix at once, and of the linear system."""
+    """Operations of residual and matrix together, and of the linear solve."""
     size, vector = s.n + s.m + s.p, (s.n,)
     shapes = (), vector, vector, (size,)
     if dynamics.matrices:
@@ -68,9 +67,9 @@ def _of_acceleration(dynamics: Dynamics, s: Structure) -> int:
 
 
 def _of_solve(rows: Indices, columns: Indices, size: int) -> tuple[int, int]:
-    """Of the factorisation of a matrix with such entries, by SuperLU on arbitrary values, and of one solve with it.
+    """Operations of factorising a matrix of this pattern by SuperLU, and of one solve.
 
-    A step of the elimination divides the column below its pivot and takes it off as many others as the row has entries.
+    An elimination step divides the column below its pivot and subtracts it from as many columns as the row has entries.
     """
     values = 1.0 + np.random.default_rng(0).random(rows.size)
     made = splu(sp.csc_array((values, (rows, columns)), shape=(size, size)))

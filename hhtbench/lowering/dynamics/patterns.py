@@ -1,7 +1,7 @@
-"""Declared patterns: which unknowns the functions of a system depend on, in the place of what they compute.
+"""Declared sparsity patterns, used in place of dependencies read from the computation.
 
-A pattern says of every row of a function, the force on one coordinate or one constraint, which entries of q, or of v, it
-depends on; patterns of products and of derivatives along the motion follow from it.
+A pattern says for every row of a function (a force, a constraint) which entries of q, or of v, it depends on; patterns of
+products and of derivatives along the motion follow from it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ NEEDED = {
 
 
 def patterns_of(dynamics: Dynamics) -> Patterns:
-    """Those that are declared, for the rows that ``dynamics`` has, and those that follow."""
+    """Declared patterns for the rows of ``dynamics``, and those that follow from them."""
     s, given = dynamics.structure, checked_patterns(declared(dynamics.system, "sparsity"))
     found: Any = {name: sp.csr_array(pattern, dtype=bool) for name, pattern in given.items()}
     if isinstance(dynamics, ReducedDynamics):
@@ -60,14 +60,14 @@ def _places(matrix: Any) -> Any:
 
 
 def complete(patterns: Patterns, s: Structure) -> bool:
-    """Whether all that the equations of motion depend on is known."""
+    """True if ``patterns`` hold all dependencies of the equations of motion."""
     names = [name for letter, group in NEEDED.items() if getattr(s, letter) for name in group]
     names += ["mass_matrix", "mass_product_jacobian"] if s.mass == "variable" else []
     return set(names) <= set(patterns)
 
 
 def _term(name: str, size: str, *patterns: str) -> Callable[..., Any]:
-    """The function ``name`` of :class:`Dependencies`, of ``size`` rows; arguments after the time have these ``patterns``."""
+    """Function ``name`` of :class:`Dependencies` with ``size`` rows; ``patterns``: of its arguments after the time."""
 
     def term(self: Dependencies, t: Any, *arguments: Any) -> Any:
         by = zip(arguments, patterns, strict=True)
@@ -77,16 +77,16 @@ def _term(name: str, size: str, *patterns: str) -> Callable[..., Any]:
 
 
 class Dependencies(Wrapper):
-    """Functions that depend on what those of ``inner`` do, where ``patterns`` tell it; not their values."""
+    """Functions with the dependencies of those of ``inner``, taken from ``patterns``; their values are meaningless."""
 
     matrices: ClassVar[bool] = False
     patterns: Patterns
     columns: Any = None  #: (n, k) of a mass that varies, as in :class:`~.mass.Sparse`
 
     def _of(self, size: int, function: Callable[..., Any], t: Any, *arguments: tuple[Any, str]) -> Any:
-        """(size,) like ``function`` of the time and of other ``arguments``, each with the name of its pattern.
+        """(size,) with the dependencies of ``function``; each of ``arguments`` comes with the name of its pattern.
 
-        Where that is not known, the function itself, at a place that depends on nothing but the time in what is.
+        Where a pattern is missing, the function itself is called, with arguments of known patterns replaced by the time.
         """
         total, unknown = jnp.zeros(size), [name not in self.patterns for _, name in arguments]
         for x, name in arguments:

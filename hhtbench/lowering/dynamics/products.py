@@ -1,4 +1,4 @@
-"""Which systems are derived by products instead of matrices; plain callables never are."""
+"""Choice between full matrices and products; plain callables always use full matrices."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LARGE = 400  # unknowns n + m + p of the acceleration level from which the start
 
 
 def matrix_free(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without dense matrices; None: no JAX system, a mass that fills, is singular, varies in a small one."""
+    """``dynamics`` without dense matrices; None for NumPy systems, and where the mass fills or is singular."""
     if dynamics.xp is np:
         return None
     from hhtbench.lowering.dynamics.matrix_free import products_of
@@ -31,11 +31,11 @@ def large(dynamics: Dynamics) -> MatrixFree | None:
 
 
 def is_larger(dynamics: Dynamics) -> bool:
-    """Whether full matrices are not the fastest any more."""
+    """True if a JAX system is too large for full matrices to be fastest."""
     s = dynamics.structure
     return dynamics.xp is not np and s.n + s.m + s.p > FULL
 
 
 def paying_products(dynamics: Dynamics) -> MatrixFree | None:
-    """``dynamics`` without full matrices where that pays, and is known how."""
+    """``dynamics`` without full matrices if that is possible and faster, else None."""
     return matrix_free(dynamics) if is_larger(dynamics) else None

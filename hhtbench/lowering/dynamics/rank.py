@@ -1,4 +1,4 @@
-"""Which rows of [g_q; k_v] depend on the others: by a pivoted QR of full rows, by the null space of C^T of sparse ones."""
+"""Rows of [g_q; k_v] that depend on others: pivoted QR for full rows, null space of C^T for sparse ones."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class ConstraintRank:
 
     @property
     def text(self) -> str:
-        """Which rows, as text."""
+        """Description of the dependent rows."""
         return f"rank {self.rank} of {self.rows} rows; dependent on the others: rows {list(self.redundant)} of [g; k]"
 
 
 def constraint_rank(rows: Any, tolerance: float = RANK_TOLERANCE) -> ConstraintRank:
-    """Rank of ``rows`` (m + p, n) = [g_q; k_v], an array or sparse, of rows scaled to one, up to ``tolerance`` of them.
+    """Rank of ``rows`` (m + p, n) = [g_q; k_v], full or sparse, after scaling each to length one.
 
     Raises
     ------
@@ -59,10 +59,10 @@ def constraint_rank(rows: Any, tolerance: float = RANK_TOLERANCE) -> ConstraintR
 
 
 def minimum_norm(rows: Any, multipliers: Vector, redundant: tuple[int, ...]) -> Vector:
-    """The multipliers of least norm with the same reaction ``rows^T multipliers``; ``rows`` (m + p, n) is [g_q; k_v].
+    """Multipliers of least norm with the same reaction ``rows^T multipliers``; ``rows`` (m + p, n) is [g_q; k_v].
 
-    ``redundant`` are the dependent rows of the consistent configuration: off the constraints by an error, the rows are
-    independent by as little, and a null space found by a tolerance would jump there.
+    ``redundant``: dependent rows of the consistent start.  A state off the constraints by an error has independent rows by
+    as little, and a null space found by a tolerance would jump there.
     """
     dependent = list(redundant)
     kept = np.setdiff1d(np.arange(multipliers.size), dependent)
@@ -75,10 +75,10 @@ def minimum_norm(rows: Any, multipliers: Vector, redundant: tuple[int, ...]) -> 
 
 
 def _combinations(independent: Any, dependent: Any) -> Matrix:
-    """X (rows, k) of least |independent^T X - dependent^T|; of sparse rows by the augmented system of least squares.
+    """X (rows, k) of least |independent^T X - dependent^T|, the dependent rows as combinations of the others.
 
-    By rows of one size, of which no more than roundoff counts for nothing: where sizes differ, it would put a share of a
-    dependent row onto a row that it has nothing of, and large multipliers would change those of others visibly.
+    Rows are scaled first, and coefficients of roundoff set to zero: otherwise large multipliers would visibly change
+    those of unrelated rows.
     """
     if isinstance(independent, np.ndarray):
         size, of_dependent = (_or_one(np.abs(x).max(axis=1)) for x in (independent, dependent))
@@ -95,7 +95,7 @@ def _combinations(independent: Any, dependent: Any) -> Matrix:
 
 
 def _unit_rows(rows: Any) -> Any:
-    """Sparse ``rows`` scaled to length one; those of zeros stay."""
+    """Sparse ``rows`` scaled to length one, except rows of zeros."""
     _expect_finite(rows.data)
     largest = abs(rows).max(axis=1).toarray().ravel()
     unit = sp.diags_array(1.0 / _or_one(largest)) @ rows  # first, so that no square overflows
@@ -103,7 +103,7 @@ def _unit_rows(rows: Any) -> Any:
 
 
 def _or_one(sizes: Vector) -> Vector:
-    """``sizes`` to divide by: one for those of rows of zeros."""
+    """``sizes`` with zeros replaced by one, for division."""
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
@@ -113,7 +113,7 @@ def _expect_finite(values: Any) -> None:
 
 
 def _dependent(unit: Any, tolerance: float) -> tuple[int, ...]:
-    """Rows of ``unit`` (rows, n), sparse, without which the others are independent."""
+    """Indices of rows of sparse ``unit`` (rows, n) whose removal leaves independent rows."""
     null = _left_null_space(unit, tolerance)
     if not null.shape[1]:
         return ()
@@ -123,7 +123,7 @@ def _dependent(unit: Any, tolerance: float) -> tuple[int, ...]:
 
 
 def _left_null_space(unit: Any, tolerance: float) -> Matrix:
-    """Orthonormal x (rows, d) with |unit^T x| below ``tolerance``: inverse iteration with unit unit^T, shifted."""
+    """Orthonormal x (rows, d) with |unit^T x| below ``tolerance``, by shifted inverse iteration with unit unit^T."""
     rows, n = unit.shape
     shift = -SHIFT * sp.eye_array(rows)
     factor = splu(sp.block_array([[sp.eye_array(n), unit.T], [unit, shift]], format="csc"))

@@ -1,6 +1,6 @@
-"""Reductions that are read off a system, by name, and what its structure is without them.
+"""Names of reductions (properties read from a system that save work), and the structure without them.
 
-Derivatives by what a function does not depend on are none of them: the compiler sees that they are zero, whoever asks.
+Derivatives by arguments that a function does not use are no reductions: the compiler always sees that they are zero.
 """
 
 from __future__ import annotations
@@ -19,6 +19,6 @@ REDUCTIONS: Mapping[str, Mapping[str, Any]] = {
 
 
 def generalised(structure: Structure, without: Collection[str]) -> Structure:
-    """``structure`` as that of a system of which the reductions named in ``without`` cannot be read off."""
+    """``structure`` with the reductions named in ``without`` switched off."""
     changes = {name: value for reduction in without for name, value in REDUCTIONS[reduction].items()}
     return replace(structure, **changes) if changes else structure

@@ -23,7 +23,7 @@ _changed = Cache(64)
 
 
 class ReducedDynamics(Wrapper):
-    """The functions of ``inner`` with the rows ``position`` of g and ``velocity`` of k only."""
+    """``inner`` with only the rows ``position`` of g and ``velocity`` of k."""
 
     position: tuple[int, ...] = eqx.field(static=True)  #: kept rows of g
     velocity: tuple[int, ...] = eqx.field(static=True)  #: kept rows of k
@@ -33,7 +33,7 @@ class ReducedDynamics(Wrapper):
         return replace(self.inner.structure, m=len(self.position), p=len(self.velocity))
 
     def call(self, name: str, *arguments: Any) -> Any:
-        """Functions of k and Q_k are called velocity_...; to Q and Q_k multipliers of the rows left out are zero."""
+        """Call a function of ``inner`` on the kept rows; multipliers of the rows left out are zero."""
         whole = self.inner.structure
         rows, size = (self.velocity, whole.p) if name.startswith("velocity") else (self.position, whole.m)
         kept = np.array(rows, dtype=int)
@@ -50,17 +50,17 @@ class ReducedDynamics(Wrapper):
 
 
 class FullMatrices(Wrapper):
-    """The functions of ``inner``, of which none is to be replaced by products without full matrices."""
+    """``inner``, marked so that its functions are not replaced by products."""
 
 
 def with_full_matrices(dynamics: Dynamics) -> FullMatrices:
-    """``dynamics``, remembered."""
+    """``dynamics`` marked for full matrices; cached."""
     found: FullMatrices = remembered(dynamics, "full", lambda: FullMatrices(inner=dynamics))
     return found
 
 
 def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedDynamics | None:
-    """``dynamics`` without the rows ``redundant`` of [g; k]; None where a declared reaction may need their multipliers."""
+    """``dynamics`` without the rows ``redundant`` of [g; k]; None if a declared reaction may need their multipliers."""
     if any(declared(dynamics.system, name) is not None for name in ("reaction", "velocity_reaction")):
         return None
     s = dynamics.structure
@@ -70,7 +70,7 @@ def reduce_redundant(dynamics: Dynamics, redundant: tuple[int, ...]) -> ReducedD
 
 
 def remembered(dynamics: Dynamics, how: Hashable, change: Callable[[], Wrapper]) -> Any:
-    """``dynamics`` as it was changed before in the same way: what was prepared for that serves again."""
+    """The result of ``change()`` for ``dynamics``, cached by ``how``."""
     return _changed.find((by_id(dynamics), how), change)
 
 
@@ -91,7 +91,7 @@ def redundant_rows(dynamics: Dynamics) -> tuple[int, ...]:
 
 
 def padded(dynamics: Dynamics, lam: Matrix, mu: Matrix) -> tuple[Matrix, Matrix]:
-    """Multipliers (k, kept) with a zero for every redundant row: (k, m) and (k, p), the same reaction."""
+    """Multipliers (k, kept) with zeros added for redundant rows: (k, m) and (k, p), the same reaction."""
     whole, kept = unreduced(dynamics), _reduction(dynamics)
     if kept is None:
         return lam, mu

@@ -1,4 +1,4 @@
-"""The graph's rules for arrays of nodes (k,): those that :class:`~.graph.Graph` has for one node, in the same order."""
+"""Simplification rules for arrays of nodes (k,); the same as those of :class:`~.graph.Graph` for single nodes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Case = tuple[Any, Callable[[Ids], Ids]]
 
 
 def entrywise(graph: Graph, name: str, *operands: Ids) -> Ids:
-    """``graph.apply`` of every entry."""
+    """``graph.apply`` for every entry, by array rules where possible."""
     rule, count = RULES.get(name), operands[0].size
     if rule is None or count <= FEW:
         return alone(graph, name, *operands)
@@ -27,19 +27,19 @@ def entrywise(graph: Graph, name: str, *operands: Ids) -> Ids:
 
 
 def alone(graph: Graph, name: str, *operands: Ids) -> Ids:
-    """The same, one after the other."""
+    """``graph.apply`` for every entry, one after the other."""
     apply = partial(graph.apply, name)
     return np.fromiter(map(apply, *(x.tolist() for x in operands)), dtype=np.int32, count=operands[0].size)
 
 
 def _folded(graph: Graph, name: str, *operands: Ids) -> Ids:
-    """The same of constants, of which few are distinct."""
+    """Fold an operation on constants, few of which are distinct."""
     entries, which = np.unique(np.stack(operands), axis=1, return_inverse=True)
     return alone(graph, name, *entries)[which]
 
 
 class _Seen(NamedTuple):
-    """What rules ask of operands."""
+    """Properties of operands that rules test."""
 
     known: np.ndarray  #: they are constants
     value: np.ndarray  #: of these; else NaN
@@ -55,7 +55,7 @@ def _seen(graph: Graph, x: Ids) -> _Seen:
 
 
 def _by_cases(count: int, *cases: Case) -> Ids:
-    """(count,) nodes; of each entry the first case that holds says which, given the places of such entries."""
+    """(count,) nodes; each entry by the first case that holds, called with the indices of its entries."""
     result, left = np.empty(count, dtype=np.int32), np.ones(count, dtype=bool)
     for holds, give in cases:
         places = np.flatnonzero(left & holds)
@@ -66,7 +66,7 @@ def _by_cases(count: int, *cases: Case) -> Ids:
 
 
 def _made(graph: Graph, name: str, *operands: Ids) -> Ids:
-    """The nodes of an operation that no rule simplifies."""
+    """Nodes of an operation that no rule simplifies."""
     if name in ("add", "mul", *COMMUTATIVE):
         operands = np.minimum(*operands), np.maximum(*operands)
     return np.asarray(graph.each(name, *operands))

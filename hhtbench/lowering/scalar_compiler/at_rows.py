@@ -22,9 +22,9 @@ POINTERS = "function", "parameters", "out", "t", "q", "v"
 
 
 def at_rows(native: Native) -> Callable[[Any, Any, Any], Any]:
-    """What gives ``native`` of one time, coordinates and velocities at the rows t (k,), q and v (k, n); (k, size).
+    """Callable that evaluates ``native`` at rows t (k,), q and v (k, n); returns (k, size).
 
-    The rows are arrays of float64; those of q and v may be parts of longer ones.
+    The rows are arrays of float64; those of q and v may be views of longer ones.
     """
     loop, size = _CALL(_loop()), native.size
     function, parameters = native.pair

@@ -1,4 +1,4 @@
-"""``native``: a function of arrays, and of a pytree that holds its parameters, as machine code; ``native_call`` calls it."""
+"""``native``: a function of arrays and a pytree of parameters as machine code; ``native_call`` calls it."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ class Native:
 
     @property
     def size(self) -> int:
-        """Entries of the result."""
+        """Number of entries of the result."""
         return self.constants.size
 
     @property
     def pair(self) -> tuple[int, int]:
-        """Addresses of the code and of its parameters, as loops take them."""
+        """Addresses of the code and of its parameters."""
         return self.address, int(self.parameters.ctypes.data)
 
 
@@ -61,19 +61,18 @@ def native(
     stage: str = "whole",
     rows: tuple[int, int] | None = None,
 ) -> Native:
-    """``function(tree, *static, *arrays) -> array`` as machine code for float64 arrays of ``shapes``.
+    """Compile ``function(tree, *static, *arrays) -> array`` to machine code for float64 arrays of ``shapes``.
 
-    One piece of code serves all parameter values but exact 0, 1 and -1, which are folded: a full mass matrix that is
+    The code serves all parameter values except exact 0, 1 and -1, which are folded: a full mass matrix that is
     diagonal costs n products and not n^2.
-
-    ``compact``: the result has the varying entries only.  ``stage``: "early" gives what depends on the last array only,
-    "late" the result from all arrays and that, see :mod:`~.lower`.  ``rows``: a late stage gives only the entries from the
-    first to before the second of a result (size,), so that several such parts share what the early stage gives.
+    ``compact``: the result has the varying entries only.  ``stage``: "early" returns what depends on the last array only,
+    "late" the result from all arrays and that, see :mod:`~.lower`.  ``rows``: a late stage returns only this range of
+    entries of a result (size,), so that several parts share one early stage.
 
     Raises
     ------
     NotNative
-        The text says why: which primitive has no rule and on which line, or how many operations there are.
+        The message says why: which primitive has no rule and on which line, or how many operations there are.
     """
     flat = flat_function(function, tree, *static)
     parameters = np.ascontiguousarray(flat.parameters)
@@ -98,32 +97,32 @@ def native(
 
 
 def places_of(function: Callable[..., Any], tree: Any, *static: Any, shapes: Shapes) -> Any:
-    """Flat places of the entries that can differ from zero in what :func:`native` would compute.
+    """Flat indices of the entries that can differ from zero in the result of :func:`native`.
 
     Raises
     ------
     NotNative
-        The same.
+        As :func:`native`.
     """
     return np.flatnonzero(_lowered(flat_function(function, tree, *static), shapes).outputs != ZERO)
 
 
 def _lowered(flat: Flat, shapes: Shapes, *, free: bool = False) -> Lowered:
-    """The graph, its parameters folded where they are 0, 1 or -1, or all of them ``free``."""
+    """The scalar graph, with parameters of 0, 1 or -1 folded, or all of them ``free``."""
     folded = np.zeros(flat.parameters.size, dtype=np.int8) if free else pattern_of(np.asarray(flat.parameters))
     with _uncollected():
         return lower(flat.name, jitted(flat), folded, shapes, MOST_OPERATIONS)
 
 
 def count_operations(function: Callable[..., Any], tree: Any, *static: Any, shapes: Shapes) -> int:
-    """Scalar operations that one call of what :func:`native` would compute makes, each of them once; a sine is one.
+    """Number of scalar operations of one call of :func:`native`'s code, each computed once; a sine counts as one.
 
-    Linear systems that it solves count by Gauss' elimination of full matrices.
+    Linear systems count as Gaussian elimination of full matrices.
 
     Raises
     ------
     NotNative
-        The same; or it solves a banded system, or calls a function in Python.
+        As :func:`native`; or it solves a banded system, or calls a function in Python.
     """
     lowered = _lowered(flat_function(function, tree, *static), shapes)
     graph, live = lowered.graph, np.flatnonzero(needed(lowered.graph, lowered.outputs))
@@ -138,14 +137,14 @@ def count_operations(function: Callable[..., Any], tree: Any, *static: Any, shap
 
 
 def pattern_along(flat: Flat, shapes: Shapes) -> tuple[tuple[int, int], Ids, Ids]:
-    """The derivative of a flat function by its first array, a vector: shape, rows and columns of what can differ from zero.
+    """Shape, rows and columns of the nonzeros of a flat function's derivative by its first array, a vector.
 
-    Row by row, and whatever the parameters are.
+    Row by row, for any parameter values.
 
     Raises
     ------
     NotNative
-        The same.
+        As :func:`native`.
     """
     lowered = _lowered(flat, shapes, free=True)
     return (lowered.outputs.size, shapes[0][0]), *pattern(lowered.graph, lowered.outputs, 0)
@@ -153,7 +152,7 @@ def pattern_along(flat: Flat, shapes: Shapes) -> tuple[tuple[int, int], Ids, Ids
 
 @contextmanager
 def _uncollected() -> Iterator[None]:
-    """A graph is a million tuples without a cycle: looking for cycles again and again took half the time."""
+    """Context without garbage collection: a graph is a million tuples without cycles."""
     enabled = gc.isenabled()
     gc.disable()
     try:
@@ -164,7 +163,7 @@ def _uncollected() -> Iterator[None]:
 
 
 def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
-    """Machine code, without the values of its parameters."""
+    """Machine code of a graph, without the values of its parameters."""
     graph = lowered.graph
     known, constants = graph.column("code")[lowered.outputs] == CODES["constant"], np.zeros(lowered.outputs.size)
     constants[known] = graph.column("values")[graph.column("x")[lowered.outputs[known]]]
@@ -194,7 +193,7 @@ def _generated(name: str, emitted: Emitted) -> bytes:
 
 
 def native_call(native: Native, shapes: Shapes) -> Callable[..., np.ndarray | None]:
-    """``call(*arguments) -> fresh array``, or None where an argument is not a float or a float64 array of its shape.
+    """``call(*arguments) -> new array``; None if an argument is no float or float64 array of its shape.
 
     A closure: a method of an object costs a tenth of a microsecond more.
     """

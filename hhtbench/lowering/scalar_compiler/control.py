@@ -1,4 +1,4 @@
-"""Rules of calls, loops and branches: short loops are written out, both branches are computed and one is chosen."""
+"""Rules for calls, loops and branches: short loops are unrolled, both branches are computed and one is selected."""
 
 from __future__ import annotations
 

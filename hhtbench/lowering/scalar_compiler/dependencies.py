@@ -1,4 +1,4 @@
-"""What nodes of the scalar graph need, and what they depend on: a generation after the other, each at once.
+"""Dependencies between nodes of the scalar graph, computed generation by generation with arrays.
 
 Nodes of one generation need only those of earlier ones.
 """
@@ -15,14 +15,14 @@ STEPS = BOOLEAN | np.isin(NAMES, CONSTANT_HERE)
 
 
 def needs(graph: Store, node: int) -> list[int]:
-    """The operands of one node."""
+    """Operands of one node."""
     if node in graph.operands:
         return graph.operands[node].tolist()
     return [graph.x[node], graph.y[node], graph.z[node]][: ARITIES[graph.code[node]]]
 
 
 def operands(graph: Store, nodes: Ids) -> tuple[Ids, Ids]:
-    """The operands of ``nodes``, and the places in these of who needs each."""
+    """Operands of ``nodes``, and for each the index of the node that needs it."""
     code = graph.column("code")[nodes]
     found, who = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
     for i, name in enumerate("xyz"):
@@ -38,7 +38,7 @@ def operands(graph: Store, nodes: Ids) -> tuple[Ids, Ids]:
 
 
 def generations(graph: Store, nodes: Ids) -> list[Ids]:
-    """``nodes`` by generations, the first one first."""
+    """``nodes`` split by generation, the first one first."""
     depth = graph.column("depth")[nodes]
     short = depth.astype(np.uint16) if depth.max(initial=0) < 2**16 else depth  # sorted in a tenth of the time
     order = np.argsort(short, kind="stable")
@@ -46,7 +46,7 @@ def generations(graph: Store, nodes: Ids) -> list[Ids]:
 
 
 def needed(graph: Store, outputs: Ids) -> Ids:
-    """For every node how many others, or places of the result, need its value."""
+    """For every node, the number of nodes or entries of the result that need its value."""
     varying = outputs[graph.column("code")[outputs] != CODES["constant"]]
     counts = np.bincount(varying, minlength=len(graph.code)).astype(np.int32)
     for nodes in reversed(generations(graph, np.arange(varying.max(initial=-1) + 1, dtype=np.int32))):
@@ -57,7 +57,7 @@ def needed(graph: Store, outputs: Ids) -> Ids:
 
 
 def depending(graph: Store, nodes: Ids, which: Ids) -> np.ndarray:
-    """(all nodes,) whether it is one of ``which`` or depends on one, for ``nodes`` that are all these need."""
+    """(all nodes,) mask of ``which`` and the nodes that depend on them; ``nodes`` must include all operands."""
     late = np.zeros(len(graph.code), dtype=bool)
     late[which] = True
     for generation in generations(graph, nodes):
@@ -67,7 +67,7 @@ def depending(graph: Store, nodes: Ids, which: Ids) -> np.ndarray:
 
 
 def pattern(graph: Store, outputs: Ids, argument: int) -> tuple[Ids, Ids]:
-    """Rows and columns, row by row, where the derivative of ``outputs`` by that argument can differ from zero."""
+    """Rows and columns, row by row, of the possible nonzeros of the derivative of ``outputs`` by an argument."""
     live = np.flatnonzero(needed(graph, outputs))
     code, x, y = (graph.column(name) for name in ("code", "x", "y"))
     unknowns = live[(code[live] == CODES["argument"]) & (x[live] == argument)]
@@ -81,7 +81,7 @@ def pattern(graph: Store, outputs: Ids, argument: int) -> tuple[Ids, Ids]:
 
 
 class _Sets:
-    """Sets of whole numbers, those of one node after the other; nodes with equal ones may share them."""
+    """Sets of integers, one per node; nodes with equal sets may share storage."""
 
     def __init__(self, nodes: int, of: Ids, members: Ids) -> None:
         self.first, self.count = np.zeros(nodes, dtype=np.int64), np.zeros(nodes, dtype=np.int32)
@@ -89,14 +89,14 @@ class _Sets:
         self.size, self.members, self.range = of.size, np.array(members, dtype=np.int32), int(members.max(initial=0)) + 1
 
     def of(self, nodes: Ids) -> tuple[Ids, Ids]:
-        """The places of ``nodes`` and the members of their sets, one after the other."""
+        """Index into ``nodes`` and member for all members of their sets."""
         count = self.count[nodes]
         ends = np.cumsum(count)
         where = np.arange(ends[-1] if ends.size else 0) + np.repeat(self.first[nodes] - ends + count, count)
         return np.repeat(np.arange(nodes.size), count), self.members[where]
 
     def unite(self, nodes: Ids, parts: Ids, who: Ids) -> None:
-        """The sets of ``nodes`` from those of ``parts``, of which each belongs to the node at the place in ``who``."""
+        """Form the sets of ``nodes`` as unions of those of ``parts``; ``who``: index of the node of each part."""
         alone = np.bincount(who, minlength=nodes.size)[who] == 1
         self.first[nodes[who[alone]]], self.count[nodes[who[alone]]] = self.first[parts[alone]], self.count[parts[alone]]
         place, members = self.of(parts[~alone])

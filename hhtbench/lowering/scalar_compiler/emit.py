@@ -30,14 +30,14 @@ class Emitted(NamedTuple):
 
 
 def bits(value: float) -> int:
-    """Those of a number, as a whole number."""
+    """Bit pattern of a float64 as an integer."""
     return int.from_bytes(struct.pack(">d", value))
 
 
 def ordered(graph: Graph, outputs: list[int]) -> Iterator[int]:
-    """Nodes the outputs need, operands first, each output's as late as can be: few numbers wait in registers.
+    """Yield the nodes that outputs need, operands first, each output's as late as possible, which saves registers.
 
-    In the order of the tracing, code for 4,600 operations took twice as long to generate and a fifth longer to run.
+    In the order of tracing, code for 4,600 operations took twice as long to generate and a fifth longer to run.
     """
     seen: set[int] = set()
     for output in outputs:
@@ -71,7 +71,7 @@ def emit(graph: Graph, outputs: Ids, arguments: int) -> Emitted:
 
 
 def head(arguments: int) -> str:
-    """Of the function's definition."""
+    """Header line of the function's definition."""
     read = ", ".join([f"{READ} %p", *(f"{READ} %a{i}" for i in range(arguments))])
     return f"define void @{ENTRY}({WRITTEN} %out, {read}) nounwind"
 
@@ -87,7 +87,7 @@ def wrapper(arguments: int) -> str:
 
 
 class Writer:
-    """Lines of one function body."""
+    """Writes the lines of one function body."""
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
@@ -100,13 +100,13 @@ class Writer:
         self.calls = 0  #: back into Python
 
     def name(self, node: int) -> str:
-        """How a node is written as an operand."""
+        """Text of a node as an operand."""
         if node in self.graph.number:
             return f"0x{bits(self.graph.number[node]):016X}"
         return {TRUE: "true", FALSE: "false"}.get(node, f"%v{node}")
 
     def node(self, node: int) -> None:
-        """The lines of one node."""
+        """Write the lines of one node."""
         graph, operation = self.graph, self.graph.operation(node)
         x, y = graph.x[node], graph.y[node]
         if operation in MEMORY:
@@ -134,7 +134,7 @@ class Writer:
         self.lines.append(f"  call void @llvm.memcpy.p0.p0.i64(ptr %out, ptr @constants, i64 {8 * outputs.size}, i1 false)")
 
     def store(self, base: str, place: int, node: int) -> None:
-        """One number to memory."""
+        """Write a store of one number to memory."""
         self.lines.append(f"  {base}.{place} = getelementptr double, ptr {base}, i64 {place}")
         self.lines.append(f"  store double {self.name(node)}, ptr {base}.{place}, align 8")
 
@@ -155,7 +155,7 @@ class Writer:
             self.store(base, place, entry)
 
     def foreign(self, node: int, parameter: int, size: int, entries: Sequence[int]) -> None:
-        """Arguments to the stack, then the call."""
+        """Write arguments to the stack, then the call of a Python function."""
         self.operations += 2 * size
         self.room(f"%m{node}", len(entries), entries)
         self.room(f"%x{node}", size)
@@ -173,7 +173,7 @@ class Writer:
         ]
 
     def solve(self, node: int, operation: str, sizes: tuple[int, int], entries: Sequence[int]) -> None:
-        """Matrix and right-hand sides to the stack, then the call."""
+        """Write matrix and right-hand sides to the stack, then the call of the solver."""
         self.room(f"%x{node}", len(entries), entries)
         self.solver(f"%x{node}", operation, sizes)
 

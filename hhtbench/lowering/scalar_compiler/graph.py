@@ -1,8 +1,8 @@
-"""The scalar graph: operations on single numbers, each of them once, with what is known beforehand worked out.
+"""The scalar graph: operations on single numbers, each stored once, with constants folded.
 
 A node is a small integer.  Equal operations on equal nodes are one node (hash-consing), constants are folded, and
-``x*0``, ``x+0``, ``x*1`` and their like vanish.  Folding ``0*x`` to 0 takes x for finite: a structural zero of a Jacobian
-must not depend on values.
+``x*0``, ``x+0``, ``x*1`` and the like vanish.  Folding ``0*x`` to 0 assumes that x is finite: a structural zero of a
+Jacobian must not depend on values.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NEG, NOT, ABS = map(CODES.get, ("neg", "not", "abs"))
 
 
 class Graph(Store):
-    """The nodes, and the rules by which operations on them become others."""
+    """The nodes, and the rules that simplify operations on them."""
 
     def __init__(self, limit: int) -> None:
         super().__init__(limit)
@@ -34,7 +34,7 @@ class Graph(Store):
         self.node("true")
 
     def constant(self, value: float) -> int:
-        """The node of a number; -0.0 and 0.0 are two, every NaN is one."""
+        """Node of a number; -0.0 and 0.0 are two, every NaN is one."""
         value = float(value) if value == value else math.nan
         bits = struct.pack("<d", value)
         made = self._of_bits.get(bits)
@@ -90,7 +90,7 @@ class Graph(Store):
         return self.node("sub", x, y)
 
     def mul(self, x: int, y: int) -> int:
-        """x * y; signs go in front, so that products that differ in sign only are one."""
+        """x * y; signs are moved in front, so that products that differ only in sign share a node."""
         number = self.number
         if x > y:
             x, y = y, x
@@ -114,7 +114,7 @@ class Graph(Store):
         return self.node("mul", x, y)
 
     def div(self, x: int, y: int) -> int:
-        """x / y; by a power of two it is a product, which is exact."""
+        """x / y; division by a power of two becomes an exact product."""
         number = self.number
         if x in number and y in number:
             return self.constant(FOLDS["div"](number[x], number[y]))
@@ -167,14 +167,14 @@ class Graph(Store):
         return self.node(name, x, y)
 
     def apply(self, name: str, *operands: int) -> int:
-        """Any elementwise operation by its name."""
+        """Node of an elementwise operation by its name."""
         special = _SPECIAL.get(name)
         if special is not None:
             return special(self, *operands)
         return self.logic(name, *operands) if name in LOGIC else self.plain(name, *operands)
 
     def plain(self, name: str, *operands: int) -> int:
-        """An operation that has no rule but that its value for numbers is known."""
+        """Node of an operation without rules except folding of constants."""
         number = self.number
         if name in FOLDS and all(x in number for x in operands):
             value = FOLDS[name](*(number[x] for x in operands))
@@ -182,7 +182,7 @@ class Graph(Store):
         return self.node(name, *(sorted(operands) if name in COMMUTATIVE else operands))
 
     def elementwise(self, name: str, *operands: Ids | np.int64) -> Ids:
-        """``apply`` entry by entry."""
+        """:meth:`apply` entry by entry."""
         arrays = np.broadcast_arrays(*operands)
         if name in ("mul", "add", "sub"):
             return _quick(self, name, *arrays)
@@ -203,7 +203,7 @@ def _quick(graph: Graph, name: str, x: Ids, y: Ids) -> Ids:
 
 
 def _in_total_order(name: str, graph: Graph, x: int, y: int) -> int:
-    """NaN comes last; the two zeros, which the order tells apart, are equal here: their makers treat them so."""
+    """Comparison with NaN last; the two zeros count as equal."""
     x_is_nan, y_is_nan = graph.apply("ne", x, x), graph.apply("ne", y, y)
     first = graph.logic("not", x_is_nan) if name == "lt" else y_is_nan
     return graph.logic("or", graph.apply(name, x, y), graph.logic("and", y_is_nan, first))

@@ -1,6 +1,6 @@
-"""An interpreter of jaxprs that writes into the scalar graph, equation by equation.
+"""Interpreter of jaxprs that builds the scalar graph, equation by equation.
 
-While it runs, a variable holds known numbers, nodes of the graph, or the reason why nobody can compute it here.
+A variable holds known numbers, nodes of the graph, or the reason why it cannot be computed here.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Nodes:
 
 @dataclass(frozen=True, eq=False)
 class Unknown:
-    """A result nobody can compute here; it matters only if something needs it."""
+    """A result that cannot be computed here; an error only if something needs it."""
 
     reason: str
 
@@ -69,7 +69,7 @@ def _kind(dtype: np.dtype) -> str:
 
 
 def nodes(ids: Ids, aval: Any) -> Nodes:
-    """``ids`` as a value of the type that JAX says."""
+    """``ids`` with the kind of JAX's abstract value ``aval``."""
     return Nodes(ids, _kind(aval.dtype))
 
 
@@ -152,7 +152,7 @@ class Interpreter:
         )
 
     def folded(self, value: Value) -> Value:
-        """Nodes that all turned out to be constants, as the values they are."""
+        """The value of nodes that are all constants; others unchanged."""
         if not isinstance(value, Nodes):
             return value
         nodes, places = np.unique(value.ids, return_inverse=True)
@@ -167,7 +167,7 @@ class Interpreter:
         return np.asarray(plain[places]).reshape(value.ids.shape)
 
     def known(self, value: Value) -> np.ndarray:
-        """The numbers of a place, which must not depend on the arguments."""
+        """Indices as numbers; raises NotNative if they depend on the arguments."""
         found = self.folded(self.lift(value))
         if not isinstance(found, np.ndarray):
             raise NotNative("a place that depends on the arguments")
@@ -194,7 +194,7 @@ class Interpreter:
             self._equations.pop()
 
     def _folded(self, equation: Any, inputs: list[Value]) -> list[Value]:
-        """The outputs for known inputs by NumPy, or by the rule, which folds; none where it does not know."""
+        """Outputs for known inputs by NumPy or the rule; [] if neither can."""
         name = equation.primitive.name
         results: list[Value] = []
         if name in ELEMENTWISE:
@@ -216,7 +216,7 @@ class Interpreter:
 
 
 def _bound(equation: Any, inputs: list[Value]) -> list[Value]:
-    """By JAX itself, which compiles: 20 ms a new shape."""
+    """Outputs computed by JAX, which compiles for 20 ms per new shape."""
     results = equation.primitive.bind(*inputs, **equation.params)
     try:
         return [np.asarray(part) for part in (results if equation.primitive.multiple_results else [results])]

@@ -1,4 +1,4 @@
-"""Rules of linear algebra and of callbacks: products, and solves; one with a general matrix is one call of emitted code."""
+"""Rules for products, linear solves and callbacks; a solve with a general matrix is a call of generated code."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def _dot(ctx: Interpreter, equation: Any, x: Value, y: Value) -> list[Value]:
 
 
 def _as_matrices(array: np.ndarray, summed: Any, batch: Any) -> np.ndarray:
-    """(batch, rows, k)."""
+    """Array with its axes grouped as (batch, rows, k)."""
     free = [axis for axis in range(array.ndim) if axis not in (*summed, *batch)]
     sizes = [math.prod(array.shape[axis] for axis in axes) for axes in (batch, free, summed)]
     return array.transpose([*batch, *free, *summed]).reshape(sizes)
 
 
 def _product(graph: Graph, x: Ids, y: Ids) -> list[list[int]]:
-    """Rows of x times rows of y, summed in order; structural zeros cost nothing."""
+    """Products of rows of x with rows of y, summed in order; structural zeros cost nothing."""
     add, mul = graph.add, graph.mul
     result = [[ZERO] * len(y) for _ in range(len(x))]
     for left, right in zip(x.T, y.T, strict=True):
@@ -53,7 +53,7 @@ def _inverse(graph: Graph, equation: Any, matrices: Ids) -> Ids:
 
 
 def _inverse_by_blocks(graph: Graph, matrix: Ids) -> Ids:
-    """Unknowns that do not meet do not meet in the inverse: the mass of many bodies is inverted body by body."""
+    """Inverse by uncoupled diagonal blocks: the mass of many bodies is inverted body by body."""
     result = np.full(matrix.shape, ZERO, dtype=np.int64)
     for block in _blocks(matrix):
         unit = np.where(np.eye(block.size, dtype=bool), ONE, ZERO)
@@ -62,7 +62,7 @@ def _inverse_by_blocks(graph: Graph, matrix: Ids) -> Ids:
 
 
 def solve(graph: Graph, matrix: Ids, right: Ids) -> Ids:
-    """X (n, k) of ``matrix`` X = ``right`` with rows exchanged; not finite where singular."""
+    """X (n, k) of ``matrix`` X = ``right`` with row pivoting; not finite where singular."""
     n, k = right.shape
     if np.all(matrix[~np.eye(n, dtype=bool)] == ZERO):  # diagonal
         return graph.elementwise("div", right, np.diagonal(matrix)[:, None])
@@ -86,7 +86,7 @@ def _linear_solve(ctx: Interpreter, equation: Any, *inputs: Value) -> list[Value
 
 
 def _by_blocks(graph: Graph, matrix: Ids, right: Ids) -> Ids:
-    """Unknowns that do not meet are solved apart; blocks with one and the same matrix share its factors."""
+    """Solve uncoupled diagonal blocks separately; blocks with equal matrices share factors."""
     shared: dict[bytes, list[np.ndarray]] = {}
     for block in _blocks(matrix):
         shared.setdefault(matrix[np.ix_(block, block)].tobytes(), []).append(block)
@@ -98,7 +98,7 @@ def _by_blocks(graph: Graph, matrix: Ids, right: Ids) -> Ids:
 
 
 def _blocks(matrix: Ids) -> list[np.ndarray]:
-    """Sets of unknowns that do not meet: a solve with many right-hand sides is one block each."""
+    """Index sets of uncoupled unknowns (connected components of the matrix)."""
     _, label = connected_components(matrix != ZERO, directed=False)
     return [np.flatnonzero(label == i) for i in range(label.max() + 1)] if label.size else []
 

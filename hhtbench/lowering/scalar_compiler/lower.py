@@ -1,8 +1,8 @@
 """From a JAX function to the scalar graph of its result, whole or in two stages.
 
-In stages, what depends on the last argument only is computed once, for many values of the others: Newton's iteration
-evaluates a residual at several iterates of one step, whose known values stay, and half of a small system's operations, sines
-and divisions among them, belong to those.
+In stages, whatever depends on the last argument only is computed once for many values of the others: Newton's iteration
+evaluates a residual at several iterates of one step, and half of a small system's operations, sines and divisions among
+them, depend only on the step's known values.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Lowered:
 
     @cached_property
     def kept(self) -> Ids:
-        """Numbers that the late stage needs of the early one."""
+        """Nodes computed in the early stage that the late stage needs."""
         graph, live = self.graph, np.flatnonzero(needed(self.graph, self.outputs))
         code = graph.column("code")
         others = live[(code[live] == CODES["argument"]) & (graph.column("x")[live] != self.arguments - 1)]
@@ -61,9 +61,9 @@ def pattern_of(parameters: np.ndarray) -> np.ndarray:
 
 
 def lower(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: int) -> Lowered:
-    """The graph of ``function(parameters, *arrays)``, known as ``name``.
+    """Scalar graph of ``function(parameters, *arrays)``, reported as ``name``.
 
-    It went through ``jax.jit``: XLA, if it must, uses the same trace.
+    The function is traced through ``jax.jit``, so that XLA can use the same trace.
 
     Raises
     ------
@@ -98,10 +98,10 @@ def _inputs(graph: Graph, pattern: np.ndarray, shapes: Shapes) -> list[Value]:
 
 
 def staged(lowered: Lowered, stage: str, rows: tuple[int, int] | None = None) -> Lowered:
-    """The part of a function that is its ``stage``.
+    """The "early" or "late" stage of a function, or the "whole" of it.
 
-    "early" gives the numbers (k,) that no argument but the last has a part in; "late" takes them as one more argument,
-    and may give only its ``rows`` from the first to before the second.
+    "early" returns numbers (k,) that depend on no argument but the last; "late" takes them as one more argument,
+    and returns only its ``rows`` from the first to before the second if given.
     """
     if stage == "whole":
         return lowered

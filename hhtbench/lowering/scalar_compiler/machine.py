@@ -24,7 +24,7 @@ def start() -> None:
 
 
 def host() -> str:
-    """Processor and its features, and the versions that make the code: what object code depends on."""
+    """Text on processor, features and versions, on which object code depends."""
     features = llvm.get_host_cpu_features().flatten()
     versions = f"{llvmlite.__version__} {llvm.llvm_version_info}"
     return f"{versions} {llvm.get_default_triple()} {llvm.get_host_cpu_name()} {features}"
@@ -55,7 +55,7 @@ def generate(text: str, helpers: str, operations: int) -> bytes:
 
 
 def from_bitcode(bitcode: bytes, triple: str | None = None) -> bytes:
-    """Object code of optimised bitcode, for no processor in particular of the platform ``triple``; None: this one's."""
+    """Object code of optimised bitcode for the platform ``triple`` (None: this one), for no processor in particular."""
     with _lock:
         start()
         llvm.initialize_all_targets()
@@ -76,7 +76,7 @@ def _parsed(text: str, machine: Any) -> Any:
 
 
 def load(code: bytes, *names: str) -> tuple[int, ...]:
-    """Addresses of the functions ``names`` of object code, for the rest of the process."""
+    """Addresses of the functions ``names`` of object code, loaded for the rest of the process."""
     with _lock:
         start()
         engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine())
@@ -90,5 +90,5 @@ def load(code: bytes, *names: str) -> tuple[int, ...]:
 
 
 def caller(address: int) -> Any:
-    """A Python callable of the function behind one pointer; it keeps the interpreter's lock: it is over in microseconds."""
+    """Python callable of a C function of one pointer; holds the GIL, as calls take microseconds."""
     return ctypes.PYFUNCTYPE(None, ctypes.c_void_p)(address)

@@ -82,7 +82,7 @@ class Rerolled:
         return np.array([self._number(self._described(node)) for node in nodes[first].tolist()])[which]
 
     def _keys(self, nodes: Ids) -> np.ndarray:
-        """Equal numbers for expressions of one form."""
+        """Integer keys, equal for expressions of one form."""
         code = self._code[nodes]
         keys = code.astype(np.uint64)
         for i, operand in enumerate(self._operands):
@@ -95,7 +95,7 @@ class Rerolled:
         return keys
 
     def _described(self, node: int) -> Form:
-        """The form of one expression."""
+        """Form of the expression at a node."""
         graph, name = self.graph, NAMES[self._code[node]]
         if name == "entry":
             return KEPT
@@ -124,7 +124,7 @@ class Rerolled:
         return found
 
     def is_leaf(self, form: int) -> bool:
-        """Whether it is read from memory, or a constant."""
+        """True if the form is read from memory, or a constant."""
         return self.forms[form][0] in (*MEMORY, *CONSTANT, *KEPT, *TRUTH)
 
     def parts(self, form: int) -> Iterator[int]:
@@ -143,7 +143,7 @@ class Rerolled:
         return [part for part in self.parts(form) if self.is_leaf(part)]
 
     def width(self, form: int) -> int:
-        """Numbers kept of one turn: a call's arguments lie in a row with its result."""
+        """Numbers stored per turn; those of a call include its arguments."""
         operation, parameters, *operands = self.forms[form]
         return len(operands) + (parameters[1] if operation == "foreign" else 0) if operation in CALLS else 1
 

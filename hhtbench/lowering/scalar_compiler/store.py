@@ -1,6 +1,6 @@
-"""The nodes of the scalar graph in arrays, each of them once: made alone, or a whole array of them at a time.
+"""Storage of the scalar graph's nodes in arrays, each node once; made singly or a whole array at a time.
 
-A large system has millions.  A dictionary finds those made alone; from the first array on a hash table with open addressing
+A large system has millions.  A dictionary finds nodes made singly; after the first array a hash table with open addressing
 finds all of them.
 """
 
@@ -39,7 +39,7 @@ WORD = 2**64 - 1
 
 
 class NotNative(Exception):
-    """The native route does not know how, or it would not pay; XLA does it instead."""
+    """The function cannot be machine code, or that would not pay; XLA compiles it instead."""
 
     def __init__(self, reason: str) -> None:
         self.reason = reason  #: in words, with the user's source line where it is known
@@ -47,7 +47,7 @@ class NotNative(Exception):
 
 
 class TooLarge(NotNative):
-    """More scalar operations than pay."""
+    """More scalar operations than machine code pays for."""
 
 
 class Store:
@@ -68,16 +68,16 @@ class Store:
         self._entered = 0  #: nodes that are in the table
 
     def operation(self, node: int) -> str:
-        """Its name."""
+        """Name of a node's operation."""
         return NAMES[self.code[node]]
 
     def column(self, name: str) -> np.ndarray:
-        """One of the arrays for NumPy; no node can be made while somebody holds it."""
+        """One of the arrays as a NumPy view; no node can be made while it is in use."""
         own: array[Any] = getattr(self, name)
         return np.frombuffer(own, dtype=own.typecode)
 
     def close(self) -> None:
-        """No more nodes will be made: forget what finds them."""
+        """Free the tables that find nodes; no more will be made."""
         self._known, self._table, self.limit = {}, np.zeros(0, dtype=np.int32), 0
 
     def changed(self, nodes: Ids, operation: str, x: int, y: Ids) -> Self:
@@ -118,7 +118,7 @@ class Store:
         return np.array([self.node(operation, *entry) for entry in entries], dtype=np.int32).reshape(shape)
 
     def entries(self, call: int, places: Ids) -> Ids:
-        """Those of a call's result at ``places``."""
+        """Nodes of the entries of a call's result at ``places``."""
         return self.each("entry", np.full(places.shape, call), places)
 
     def _append(self, code: int, x: int, y: int, z: int) -> int:
@@ -184,7 +184,7 @@ class Store:
         return found, places
 
     def _find(self, code: int, x: int, y: int, z: int) -> int | None:
-        """The node in the table."""
+        """The equal node in the hash table, or None."""
         table, last_place = self._table, self._table.size - 1
         place = _hashed(*(word & WORD for word in (code, x, y, z))) & last_place
         while (there := int(table[place])) >= 0:
@@ -195,7 +195,7 @@ class Store:
 
 
 def _hashed(code: Any, x: Any, y: Any, z: Any) -> Any:
-    """Words of 64 bits, or arrays of them, of which each bit depends on all."""
+    """64-bit hash of words, or arrays of words."""
     mixed = (x * 0x9E3779B97F4A7C15 + y * 0xC2B2AE3D27D4EB4F + z * 0x165667B19E3779F9 + code * 0xD6E8FEB86659FD93) & WORD
     mixed = ((mixed ^ (mixed >> 32)) * 0xD6E8FEB86659FD93) & WORD
     return mixed ^ (mixed >> 32)

@@ -1,1 +1,1 @@
-"""How long the steps are: the local error, the controller, the first step."""
+"""Step-size control: local error, controller, first step."""

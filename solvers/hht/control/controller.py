@@ -1,4 +1,4 @@
-"""The next accepted step: of a prescribed length, or as long as its error (H26) is at most 1."""
+"""Step-size control: the next accepted step, of prescribed length or as long as its error (H26) is at most 1."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from solvers.kernel.acceleration import acceleration_level
 from solvers.kernel.compiled import compiled, spacing
 from solvers.kernel.sections import part, put, view
 
-NO_ESTIMATE = -1.0  # in the place of an error: a step far shorter than what was asked for has none
+NO_ESTIMATE = -1.0  # marks an error that was not estimated: that of a step far shorter than proposed
 
 
 class ControlOptions(NamedTuple):
-    """The user's bounds on the step, and heuristic constants of its control."""
+    """The user's bounds on the step, and heuristic constants of the step-size controller."""
 
     first_step: float = 0.0  #: [s], of |h|; 0: chosen from the motion at the start
     min_step: float = 0.0  #: [s]; only the step to the end may be shorter
@@ -30,15 +30,15 @@ class ControlOptions(NamedTuple):
     growth: float = 1.5  #: most per step: what is stable in the stiff limit for every alpha (THEORY.md 10)
     shrink: float = 0.2  #: most per step: outside the asymptotic range an estimate says no more than "much less"
     keep: tuple[float, float] = (0.9, 1.15)  #: factors of plain integral control at which step and factorisation are kept
-    least: float = 1e-4  #: smaller errors count as this one: a vanishing estimate says nothing about the next step
+    least: float = 1e-4  #: smaller errors count as this: a vanishing estimate does not predict the next step
     after_failure: float = 0.25  #: factor after Newton has failed
-    spacings: float = 16.0  #: of floating-point times: what is shorter is no step
-    grown: float = 100.0  #: times an error must exceed what a jump of the force leaves of it in a shorter step
+    spacings: float = 16.0  #: shortest step in spacings of floating-point times
+    grown: float = 100.0  #: factor by which an error must exceed that of a force jump to count as roundoff
 
 
 @compiled
 def advance(z: Any, o: Any, stop: Any, length: Any, end: Any, row: Any, counts: Any) -> Any:
-    """CONVERGED for one more accepted step, or why there is none; what was tried last is in ATTEMPT."""
+    """Take one accepted step; returns CONVERGED or the reason for failure, with the last attempt in ATTEMPT."""
     ended = controlled(z, o, stop, counts) if z.i[mem.CONTROLLED] else prescribed(z, length, end, counts)
     if ended != mem.CONVERGED:
         return ended
@@ -52,7 +52,7 @@ def advance(z: Any, o: Any, stop: Any, length: Any, end: Any, row: Any, counts: 
 
 @compiled
 def prescribed(z: Any, h: Any, t1: Any, counts: Any) -> Any:
-    """A step of h [s] to t1, as it is."""
+    """Attempt a step of h [s] to t1 without error control."""
     t, tried = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)
     if t + h == t or t1 == t:
         tried[mem.H_TRIED] = h
@@ -63,15 +63,15 @@ def prescribed(z: Any, h: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def may_fall_back(z: Any, ended: Any) -> Any:
-    """Whether Newton's iteration may have failed for wrong declared derivatives."""
+    """True if Newton's iteration may have failed because of wrong declared derivatives."""
     return z.i[mem.FALLBACK] and ended not in (mem.CONVERGED, mem.SPENT, mem.NONFINITE)
 
 
 @compiled
 def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
-    """Steps from the one proposed to shorter ones until the error of one is at most 1.
+    """Attempt steps, shorter each time, until the error of one is at most 1.
 
-    What the rounding of times changes of a length stays in its step: the next one is proposed from the length before that.
+    The next step is proposed from the length before its end was rounded to a floating-point time.
     """
     control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
     proposed = min(control[mem.H_NEXT], o.max_step)
@@ -82,7 +82,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
     while True:
         asked = length
         fitted, t1 = fit(t, math.copysign(asked, stop - t), stop, o.min_step)
-        length, h = abs(fitted), representable(t, fitted)  # last: a half of what is left may fall between times
+        length, h = abs(fitted), representable(t, fitted)  # half of the rest may lie between floating-point times
         if t + h == t or t1 == t:
             if failed == mem.NO_ADVANCE:
                 tried[mem.H_TRIED] = h
@@ -119,16 +119,16 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
 
 @compiled
 def step_is_known(control: Any, o: Any) -> Any:
-    """Whether the length of the next step comes from the motion: from an error, or from the start."""
+    """True if the next step's length comes from the motion (an error or the start), not from the user's ``first_step``."""
     return control[mem.LAST_ERROR] >= 0.0 or o.first_step == 0.0
 
 
 @compiled
 def hopeless(z: Any, o: Any, h: Any, size: Any, last: Any) -> Any:
-    """Whether roundoff makes the error, so that no step shorter than h [s] helps, by the first step and error tried.
+    """True if the error is roundoff, so that no step shorter than h [s] helps; compares with the first step and error tried.
 
-    What a jump of the force leaves in v goes with h, and what steps far too long leave falls below the error ``last`` tried;
-    roundoff stays or grows, and is no more than q and v make.
+    The error that a force jump leaves in v is proportional to h, and errors outside the asymptotic range fall below the
+    ``last`` one tried; roundoff stays or grows, and cannot exceed the roundoff of q and v.
     """
     tried = part(z, mem.ATTEMPT)
     if tried[mem.FIRST_H] == 0.0:
@@ -140,7 +140,7 @@ def hopeless(z: Any, o: Any, h: Any, size: Any, last: Any) -> Any:
 
 @compiled
 def conclude(z: Any, row: Any, counts: Any) -> None:
-    """Accept the attempt, with what the next step's control and events need of it."""
+    """Accept the attempt and store what the next step's controller and event search need."""
     remainder = z.i[mem.CONTROLLED] and part(z, mem.ATTEMPT)[mem.ERROR_SIZE] == NO_ESTIMATE
     if z.i[mem.CONTROLLED] and not remainder:
         remember_place(z)
@@ -156,7 +156,7 @@ def conclude(z: Any, row: Any, counts: Any) -> None:
 
 @compiled
 def remember_place(z: Any) -> None:
-    """Where the step begins, for the next one's third difference of q, (H59)."""
+    """Store q at the step's begin, for the third difference of q in the next one, (H59)."""
     control = part(z, mem.CONTROL)
     put(part(z, mem.Q_FIRST), 0, part(z, mem.Q_BEFORE))
     put(part(z, mem.Q_BEFORE), 0, part(z, mem.Q))
@@ -165,7 +165,7 @@ def remember_place(z: Any) -> None:
 
 @compiled
 def remember(z: Any) -> None:
-    """What the next step's estimate and the controller need."""
+    """Store what the next error estimate and the controller need."""
     n, control, tried = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.ATTEMPT)
     control[mem.H_NEXT], control[mem.LAST] = tried[mem.NEXT_H], tried[mem.H_TRIED]
     control[mem.LAST_ERROR] = tried[mem.ERROR_SIZE]
@@ -178,7 +178,7 @@ def remember(z: Any) -> None:
 
 @compiled
 def remember_remainder(z: Any, counts: Any) -> None:
-    """The same of a step cut far below what was asked for: its multipliers and v' are roundoff over h^2, and found anew."""
+    """Store this after a step far shorter than proposed; lam, mu and v' are solved for anew, being roundoff over h^2."""
     n, constraints, control, place = z.i[mem.N], z.i[mem.M] + z.i[mem.P], part(z, mem.CONTROL), part(z, mem.PLACE)
     if constraints > 0:
         place[0] = part(z, mem.NUMBER)[mem.T]

@@ -1,4 +1,4 @@
-"""The local error of a step, (H23) to (H26): along the constraints, filtered by the step's own matrix."""
+"""The local error of a step, (H23) to (H26): consistent with the constraints, filtered by the step's own matrix."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from solvers.kernel.linear.matrix import respond
 from solvers.kernel.numbers import EPS
 from solvers.kernel.sections import address, call, part, put, view, weighted_rms
 
-FILTERED = 3.0  # times the error that stiffness leaves of it: what forces answer to the position row's is asked for
-SLIGHT = 1e-4  # of what is allowed: the controller takes no error for less
+FILTERED = 3.0  # ratio of unfiltered to filtered error from which the response of stiff forces is computed, (H59)
+SLIGHT = 1e-4  # smaller errors relative to the tolerance do not matter to the controller
 
 
 @compiled
 def begin(z: Any, at: Any, scale: Any) -> None:
-    """A right-hand side of the accelerations (n,) in the memory from ``at`` over ``scale`` in the force rows, else zero."""
+    """Set RIGHT: accelerations (n,) at address ``at``, divided by ``scale``, in the force rows, zero elsewhere."""
     right, n = part(z, mem.RIGHT), z.i[mem.N]
     if z.i[mem.C_INERTIA]:
         call(z, mem.C_INERTIA, mem.WORK, (z.i[mem.BASE] + 8 * at, address(z, mem.STEP)))
@@ -32,7 +32,7 @@ def begin(z: Any, at: Any, scale: Any) -> None:
 
 @compiled
 def put_levels(z: Any, lu: Any, sign: Any, position: Any) -> None:
-    """Put ``sign`` times what is in LEVELS into the constraint rows of the right-hand side."""
+    """Put ``sign`` times the constraint violations in LEVELS into the constraint rows of RIGHT."""
     right, off, h, m = part(z, mem.RIGHT), part(z, mem.LEVELS), part(z, mem.RECORD + lu)[mem.MADE_H], z.i[mem.M]
     for i in range(m):
         if position:
@@ -44,7 +44,7 @@ def put_levels(z: Any, lu: Any, sign: Any, position: Any) -> None:
 
 @compiled
 def levels_at(z: Any, t: Any) -> None:
-    """The constraint levels at t and the q, v in PLACE."""
+    """Evaluate the constraint levels at t and the q, v in PLACE, into LEVELS."""
     part(z, mem.PLACE)[0] = t
     at = address(z, mem.PLACE)
     call(z, mem.C_LEVELS, mem.LEVELS, (at, at + 8, at + 8 + 8 * z.i[mem.N]))
@@ -52,9 +52,9 @@ def levels_at(z: Any, t: Any) -> None:
 
 @compiled
 def filtered(z: Any, lu: Any, t1: Any, h: Any, inside: Any) -> Any:
-    """The errors over WEIGHTS, filtered by the matrix in ``lu``: their root mean square.
+    """Errors of q and v filtered by the matrix in ``lu``, as weighted root mean square.
 
-    And where ``inside`` how far dense output is off the constraints inside the step, over the tolerances, (H28); else 0.
+    If ``inside``, second value: distance of dense output from the constraints inside the step, over the tolerances, (H28).
     """
     n, raw, made, o = z.i[mem.N], z.i[2 * mem.RAW], part(z, mem.RECORD + lu)[mem.MADE_H], part(z, mem.CONSTANTS)
     error, weights, solution, change = part(z, mem.ERROR), part(z, mem.WEIGHTS), part(z, mem.SOLUTION), part(z, mem.CHANGE)
@@ -88,7 +88,7 @@ def filtered(z: Any, lu: Any, t1: Any, h: Any, inside: Any) -> Any:
 
 @compiled
 def levels_inside(z: Any, h: Any) -> None:
-    """The constraint levels of dense output inside the step, where its v errs most."""
+    """Evaluate the constraint levels of dense output inside the step, where the error of its v is largest."""
     n, end, q, v, place = z.i[mem.N], part(z, mem.END), part(z, mem.Q), part(z, mem.V), part(z, mem.PLACE)
     for i in range(n):
         place[1 + i], place[1 + n + i] = cubic(GAUSS, h, q[i], end[i] - q[i], v[i], end[n + i])
@@ -97,7 +97,7 @@ def levels_inside(z: Any, h: Any) -> None:
 
 @compiled
 def roundoff(z: Any, h: Any) -> Any:
-    """The size of the roundoff of q and v in a step of h [s], (H26)."""
+    """Roundoff of q and v in a step of h [s] over the tolerance, (H26)."""
     n, q, v, error = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.ERROR)
     relative, _ = weigh(z, q, v)
     for i in range(n):
@@ -107,7 +107,7 @@ def roundoff(z: Any, h: Any) -> Any:
 
 @compiled
 def missed(z: Any, h: Any) -> Any:
-    """Put what the position row is off by where a is right, (H59), into MISSED; its size in q, (H26), and over h in v."""
+    """Put the position row's error with exact a, (H59), into MISSED; returns its size in q, (H26), and in v over h."""
     n, control, o, weights = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.CONSTANTS), part(z, mem.WEIGHTS)
     steps, off = (control[mem.LAST_BUT_ONE], control[mem.LAST], h), part(z, mem.MISSED)
     first, before, q, end = part(z, mem.Q_FIRST), part(z, mem.Q_BEFORE), part(z, mem.Q), part(z, mem.END)
@@ -118,7 +118,7 @@ def missed(z: Any, h: Any) -> Any:
 
 @compiled
 def answered(z: Any, lu: Any, t1: Any, counts: Any) -> Any:
-    """The size of the error with what the step leaves of MISSED in q, and that of what it makes of v, (H59)."""
+    """Size of the error in q that remains of MISSED after the forces respond, and in v, (H59)."""
     n, off, error, change = z.i[mem.N], part(z, mem.MISSED), part(z, mem.ERROR), part(z, mem.CHANGE)
     place, end, weights, answer = part(z, mem.PLACE), part(z, mem.END), part(z, mem.WEIGHTS), part(z, mem.ANSWER)
     if z.i[mem.C_ANSWER]:
@@ -142,7 +142,7 @@ def answered(z: Any, lu: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def estimate(z: Any, counts: Any) -> Any:
-    """The size of the attempt's error, (H26), or infinity; f + r at its end is the last third of RAW."""
+    """Size of the attempt's error, (H26), or infinity; leaves f + r at its end in the last third of RAW."""
     n, end, number, tried = z.i[mem.N], part(z, mem.END), part(z, mem.NUMBER), part(z, mem.ATTEMPT)
     h, t1, lu = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     given = address(z, mem.X), address(z, mem.STEP), address(z, mem.CONTROL), address(z, mem.END)
@@ -151,7 +151,7 @@ def estimate(z: Any, counts: Any) -> Any:
     weights, least = part(z, mem.WEIGHTS), math.inf
     for i in range(n):
         least = min(least, weights[n + i])
-    seen = EPS * size_q <= ROUNDOFF * abs(h) * least  # else v inside the step is roundoff over h
+    seen = EPS * size_q <= ROUNDOFF * abs(h) * least  # otherwise v inside the step is roundoff of q over h
     stored = int(number[mem.FACTOR])
     found = 0.0
     if stored >= 0 and stored != lu:  # the matrix before it: stiffness met in this very step is no filter

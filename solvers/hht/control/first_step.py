@@ -1,4 +1,4 @@
-"""The length of the first step, and what stands for the point before it, from the motion at the start."""
+"""Length of the first step, and a substitute for the points before it, from the motion at the start."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from solvers.kernel.numbers import TINY
 from solvers.kernel.sections import address, call_python, finite, indices, largest, part, put, spend, weighted_rms
 
 PROBE = 1e-3  # of the time in which v and v' change q and v by their own size: where the change of v' is taken
-CAUTION = 0.3  # of the step that the change of v' suggests: it is a guess, and a rejection costs a step
-UNKNOWN = 1e-3  # of the interval, where v' does not change at the probe: at rest, in free fall
+CAUTION = 0.3  # safety factor on the suggested step: it is a guess, and a rejection costs a step
+UNKNOWN = 1e-3  # first step relative to the interval where v' does not change: at rest, in free fall
 STILL = 1e-10  # relative change of v' that is roundoff
-SPACING = 2.0**-52  # of times relative to their size, at most: no shorter step is seen in them
+SPACING = 2.0**-52  # shortest step relative to the size of times
 
 
 @called
 def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool) -> None:
-    """Put what step control needs to begin, or to begin again, at the state towards ``stop`` [s] into the memory, (H27).
+    """Initialise step-size control at a start or restart towards ``stop`` [s], in the loops' memory, (H27).
 
-    ``plain``: the first step's a0 is f there, ``start="f0"``.  A probe along v and v' shows how fast v' changes, and so
-    stands for the point before the first step.
+    ``plain``: the first step's a0 is f there, ``start="f0"``.  A probe along v and v' estimates v'', from which the points
+    before the first step are extrapolated.
     """
     n, control, vdot, left = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.VDOT), stop - part(z, mem.NUMBER)[mem.T]
     longest = min(abs(left), o.max_step)
@@ -52,15 +52,15 @@ def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool) -> N
 
 @inlined
 def place_before(z: Any, i: Any, s: Any, rate: Any) -> Any:
-    """The coordinate i at s [s] from now by its v, v' and v'' = ``rate``."""
+    """Coordinate i at s [s] from now by Taylor's formula with v, v' and v'' = ``rate``."""
     return part(z, mem.Q)[i] + s * (part(z, mem.V)[i] + s * (part(z, mem.VDOT)[i] / 2 + s * rate / 6))
 
 
 @compiled
 def suggestion(z: Any, probe: Any, plain: Any) -> Any:
-    """|h| [s] whose leading local errors are what is allowed: h^3/12 |v''| in q, h^3/12 |v'''| in v; 0.0: nothing is known.
+    """|h| [s] whose leading local errors, h^3/12 |v''| in q and h^3/12 |v'''| in v, equal the tolerances; 0.0: unknown.
 
-    Where the first step's a0 is ``plain`` f also |alpha| h^2 |v''| / 2 in v.
+    If the first step's a0 is ``plain`` f, also |alpha| h^2 |v''| / 2 in v.
     """
     n, change, vdot, weights = z.i[mem.N], part(z, mem.BEFORE), part(z, mem.VDOT), part(z, mem.WEIGHTS)
     if largest(change) * probe <= STILL * largest(vdot):
@@ -79,7 +79,7 @@ def suggestion(z: Any, probe: Any, plain: Any) -> Any:
 
 @compiled
 def rate_of(z: Any, probe: Any) -> Any:
-    """[1/s] at which v'' changes: as v' does by v'', or v by it and v'; at rest as little as can be."""
+    """Rate [1/s] at which v'' changes: v''/v' or sqrt(v''/v), whichever is smaller; a lower bound at rest."""
     change, speed, acceleration = mean(part(z, mem.BEFORE)), mean(part(z, mem.V)), mean(part(z, mem.VDOT))
     rate = math.inf
     if acceleration > change * probe:
@@ -100,7 +100,7 @@ def mean(x: Any) -> Any:
 
 @compiled
 def time_scale(z: Any) -> Any:
-    """[s] in which q changes by its size along v, or along v' from rest; a q near zero is sized by its tolerances."""
+    """Time [s] in which q changes by its size along v, or along v' from rest; a q near zero is sized by its tolerances."""
     n, number = z.i[mem.N], part(z, mem.NUMBER)
     speed, acceleration, scale = number[mem.SIZE_V], largest(part(z, mem.VDOT)), math.inf
     relative, absolute = largest(part(z, mem.RTOL)[:n]), largest(part(z, mem.ATOL)[:n])
@@ -118,7 +118,7 @@ def time_scale(z: Any) -> Any:
 
 @compiled
 def jerk(z: Any, h: Any, counts: Any) -> Any:
-    """Put v'' (n,) from v' at the end of a step of h [s] along v and v' into BEFORE; False where it cannot be had there."""
+    """Put v'' (n,), by a difference of v' over a step of h [s] along v and v', into BEFORE; False if unavailable."""
     n, t, place, change = z.i[mem.N], part(z, mem.NUMBER)[mem.T], part(z, mem.PLACE), part(z, mem.BEFORE)
     q, v, vdot, at = part(z, mem.Q), part(z, mem.V), part(z, mem.VDOT), address(z, mem.PLACE)
     if not math.isfinite(h) or t + h == t:

@@ -1,4 +1,4 @@
-"""How long the next steps are to be: prescribed one by one, all alike, or as the local error allows, with its constants."""
+"""Plans of steps: prescribed one by one, constant, or as long as the local error allows."""
 
 from __future__ import annotations
 
@@ -19,52 +19,52 @@ from solvers.hht.equations.formulas import CERTAIN, representable
 from solvers.hht.step.state import State
 
 UNKNOWN = np.zeros(1)
-CRAWL = 1e-6  # of what is left of the interval: steps as short as that do not get there
-LEFT_OVER = 1e-9  # of a constant step: less than that before ``stop`` is no step of its own
+CRAWL = 1e-6  # steps shorter than this, relative to the rest of the interval, do not reach its end
+LEFT_OVER = 1e-9  # a rest before ``stop`` shorter than this, relative to the step, is no step of its own
 
 
 class Plan:
-    """Says how long the next steps are."""
+    """Determines the lengths of the next steps."""
 
-    by_error: ByError | None = None  #: itself, where the local error decides
+    by_error: ByError | None = None  #: the plan itself, if it is under error control
 
     def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
-        """Lengths and ends [s] of up to ``count`` steps from ``state`` towards ``stop`` [s]; zeros by error."""
+        """Lengths and ends [s] of up to ``count`` steps from ``state`` towards ``stop`` [s]; zeros under error control."""
         return UNKNOWN, UNKNOWN
 
     def made(self, count: int) -> None:
-        """``count`` of those have been made."""
+        """Note that ``count`` of the planned steps were made."""
 
     def cut_short(self) -> None:
-        """The last of them ended early, at an event; the next one is whole again, or as long as its error allows."""
+        """Note that the last step ended early at an event."""
 
 
 class Prescribed(Plan):
-    """The steps of a request, one after the other; what an event leaves of one comes next."""
+    """The steps of a request, one after the other; after an event the rest of a step comes next."""
 
     def __init__(self, steps: StepPlan) -> None:
         self.steps, self.taken = steps, 0
         self._left_over = False
 
     def ahead(self, state: State, stop: float, count: int) -> tuple[Vector, Vector]:
-        """Lengths and ends [s] of up to ``count`` steps, or of what is left of one."""
+        """Lengths and ends [s] of up to ``count`` steps, or of the rest of one."""
         if self._left_over:
             end = self.steps.end(self.taken)
             return np.array([end - state.t]), np.array([end])
         return self.steps.ahead(self.taken, count)
 
     def made(self, count: int) -> None:
-        """``count`` of those have been made."""
+        """Note that ``count`` of the planned steps were made."""
         self.taken, self._left_over = self.taken + count, self._left_over and not count
 
     def cut_short(self) -> None:
-        """What is left of the last step comes next."""
+        """Note that the rest of the last step comes next."""
         self.taken, self._left_over = self.taken - 1, True
 
 
 @dataclass(frozen=True)
 class Constant(Plan):
-    """Steps of one length; the last before ``stop`` is cut to end there."""
+    """Steps of one length; the last before ``stop`` is shortened to end there."""
 
     h: float  #: signed [s]
 
@@ -79,26 +79,26 @@ class Constant(Plan):
 
 @dataclass(frozen=True)
 class ByError(Plan):
-    """Steps whose local error (H26) is at most 1, as long as that allows."""
+    """Steps as long as their local error (H26) is at most 1."""
 
     tolerances: Tolerances
     options: ControlOptions
 
     @property
     def by_error(self) -> ByError:  # type: ignore[override]
-        """Itself."""
+        """The plan itself."""
         return self
 
     def first(self, state: State) -> float:
-        """|h| [s] to try first."""
+        """Length |h| [s] to try first."""
         if state.memory is None:
             raise ValueError("the state was not prepared for step control.")
         return max(min(state.memory.h_next, self.options.max_step), self.options.min_step)
 
     def unreachable(self, state: State, stop: float) -> Failure | None:
-        """Why no step from ``state`` can be short enough: roundoff of q and v is more than what is allowed of any.
+        """Failure if the roundoff of q and v exceeds the tolerances of any step from ``state``; else None.
 
-        None where it is less, and in a motion whose v'' has no error that a single step towards ``stop`` [s] would show.
+        Also None for a motion so regular that one step to ``stop`` [s] would meet the tolerances.
         """
         tolerances = self.tolerances
         if tolerances.above_roundoff or state.memory is None:

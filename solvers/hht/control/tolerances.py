@@ -1,4 +1,4 @@
-"""The local error of a step and its size against the tolerances, (H23) to (H26)."""
+"""Tolerances: the size of a step's local error against them, (H23) to (H26)."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from solvers.hht.step.stopping import weigh_part
 from solvers.kernel.numbers import EPS, TINY
 from solvers.kernel.sections import weighted_rms
 
-AT_REST = 1e-7  # of the speed that forces alone would give: less is the root of their roundoff, 1.5e-8, in balance
+AT_REST = 1e-7  # relative to the speed that applied forces alone give: less is roundoff of forces in balance
 
 
 @dataclass(frozen=True)
 class Tolerances:
     """Weights of the error norm: rtol times the size of each component plus atol."""
 
-    rtol: Vector  #: (2n,) of q and of v
-    atol: Vector  #: (2n,) [m, rad], [m/s, rad/s]
+    rtol: Vector  #: (2n,) relative tolerances of q and v
+    atol: Vector  #: (2n,) absolute tolerances of q [m, rad] and v [m/s, rad/s]
 
     @cached_property
     def finest(self) -> float:
-        """The smallest relative one."""
+        """Smallest relative tolerance."""
         return float(np.minimum.reduce(self.rtol))
 
     @cached_property
     def least(self) -> float:
-        """The smallest absolute one of q."""
+        """Smallest absolute tolerance of q."""
         return float(np.minimum.reduce(self.atol[: self.atol.size // 2]))
 
     def warn(self, size_q: float) -> str:
-        """Warn where q is no larger than ``size_q``, so that every error of it is allowed; the words, or none."""
+        """Warn if atol exceeds ``size_q`` = max|q|, so that q is not controlled; returns the text, or ""."""
         if not 0.0 < size_q < self.least:
             return ""
         text = f"atol={self.least:g} exceeds the size of q, {size_q:.3g}: none of its digits is known to be right."
@@ -47,7 +47,7 @@ class Tolerances:
         return text
 
     def size(self, before: State, after: State, error: Vector) -> float:
-        """Of the ``error`` (2n,) of q and v of a step over what is allowed, (H26)."""
+        """Size of the ``error`` (2n,) of q and v of a step over its tolerance, (H26)."""
         n, weights = after.q.size, np.empty_like(self.rtol)
         of_q = weigh_part(self.rtol[:n], self.atol[:n], before.q, after.q, after.size_q, weights[:n])
         of_v = weigh_part(self.rtol[n:], self.atol[n:], before.v, after.v, after.size_v, weights[n:])
@@ -55,20 +55,19 @@ class Tolerances:
             return float(weighted_rms(error, weights) / math.sqrt(relative_tolerance(of_q, of_v)))
 
     def roundoff(self, state: State, h: float = math.inf) -> float:
-        """The same of the roundoff of q and v, in a step of h [s]."""
+        """Size of the roundoff of q and v in a step of h [s] over its tolerance."""
         with np.errstate(over="ignore"):
             return self.size(state, state, np.concatenate(roundoff_of(state.q, state.v, h)))
 
     @property
     def above_roundoff(self) -> bool:
-        """Whether :meth:`roundoff` at the end of a long step is allowed of every state, whatever its size."""
+        """True if the tolerances exceed roundoff at the end of a long step, whatever the state's size."""
         return CERTAIN * self.finest**1.5 >= EPS
 
     def reachable(self, state: State, h: float) -> str:
-        """A sentence on tolerances whose steps are longer than roundoff asks, where these ask for steps of h [s].
+        """Advice on tolerances that roundoff permits, where these lead to steps of h [s]; "" if roundoff is not the limit.
 
-        Empty where roundoff is not what makes them short.  What is allowed goes with tolerance^(3/2), (H26), and the
-        roundoff of q over h with tolerance^(-1/2) besides.
+        The error allowed is proportional to tolerance^(3/2), (H26), and the roundoff of q over h to tolerance^(-1/2).
         """
         factor = max(self.roundoff(state) ** (2 / 3), self.roundoff(state, h) ** (1 / 2))
         if factor <= 1.0:
@@ -82,10 +81,10 @@ class Tolerances:
 
 
 def make_tolerances(rtol: Any, atol: Any, start: State, applied: Vector) -> Tolerances:
-    """From a request; ``atol`` None takes rtol times what is typical of q and v at the start.
+    """Tolerances from a request; ``atol=None`` takes rtol times typical sizes of q and v at the start.
 
-    That of q is the largest |q|, that of v the larger of |v| and sqrt(|v'| |q|): what falling over |q| gives; at rest, where
-    v' is the roundoff of forces that constraints hold, what these ``applied`` ones (n,), over the mass, would give alone.
+    That of q is max|q|, that of v the larger of max|v| and sqrt(max|v'| max|q|), as in a fall over |q|.  At rest, where
+    v' is roundoff of forces that constraints balance, ``applied`` (n,), the applied forces over the mass, replaces v'.
 
     Raises
     ------
@@ -106,7 +105,7 @@ def make_tolerances(rtol: Any, atol: Any, start: State, applied: Vector) -> Tole
 
 
 def components(name: str, value: Any, n: int) -> Vector:
-    """``value`` for every component of q and v, (2n,)."""
+    """Expand ``value`` (a number, (n,) or (2n,)) to all components of q and v, (2n,)."""
     if type(value) is float:
         given = np.empty(2 * n)
         given.fill(value)  # in a fifth of the time that np.full takes

@@ -1,1 +1,1 @@
-"""The equations of one step as pure array functions, and their numbers."""
+"""The numbered equations of one step as pure array functions."""

@@ -1,4 +1,4 @@
-"""The numbers that pick one method of the extended HHT-alpha family, validated once."""
+"""Coefficients that select one method of the extended HHT-alpha family, with their checks."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ REACTIONS = ("implicit", "predictor", "midpoint", "midpoint_predictor")
 STARTS = ("f0", "shifted", "trapezoidal")
 ALPHA = -0.05  # the default: rho_inf = 0.905
 ALPHA_MIN = -1.0 / 3.0
-RHO_INF_MIN = 0.5  # of ALPHA_MIN
-ROUNDING = 1e-12  # -0.3333333333333 means -1/3
+RHO_INF_MIN = 0.5  # rho_inf at ALPHA_MIN
+ROUNDING = 1e-12  # tolerance of the bounds: -0.3333333333333 means -1/3
 NEAR_HALF = 0.1  # |b - 1/2| below it: errors are five times larger than at b = 0 and grow like 1/(1 - 2b)
 
 
 class NewmarkWeights:
-    """Those of the end acceleration for a damping ``alpha``, in the extended HHT and its rivals alike."""
+    """Newmark weights for a damping ``alpha``, shared by the extended HHT and the other alpha methods."""
 
     alpha: float
 
@@ -37,7 +37,7 @@ class NewmarkWeights:
 class Coefficients(NewmarkWeights):
     """Newmark weights and the weight of the end reaction.
 
-    The free numbers are ``alpha`` in [-1/3, 0] (0 keeps the energy of fast vibrations, -1/3 damps them most) and
+    Free parameters are ``alpha`` in [-1/3, 0] (0 keeps the energy of fast vibrations, -1/3 damps them most) and
     ``b != 1/2``.  Second order needs (H3).  With ``alpha_m`` it is generalised-alpha, whose alpha_m - alpha_f takes the
     place of ``alpha``, (H45).
     """
@@ -46,8 +46,8 @@ class Coefficients(NewmarkWeights):
     b: float
     alpha_m: float = 0.0  #: weight of the earlier accelerations in the balance, (H45)
 
-    total: ClassVar[bool] = False  #: whether a holds the reactions too: it is near v', and not near f
-    both_levels: ClassVar[bool] = True  #: whether steps end on both levels of the constraints
+    total: ClassVar[bool] = False  #: True if a includes the reactions, so that it approximates v' and not f
+    both_levels: ClassVar[bool] = True  #: True if steps end on both levels of the constraints
 
     @property
     def rho_inf(self) -> float:
@@ -56,29 +56,29 @@ class Coefficients(NewmarkWeights):
 
     @property
     def unstable_b(self) -> tuple[float, float]:
-        """Between which b extrapolated multipliers grow by themselves, (H57)."""
+        """Interval of b in which extrapolated multipliers are unstable, (H57)."""
         return (1.0 - self.alpha**2) / 2.0, 0.5 + self.alpha**2 / 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Method:
-    """One member of the family, or one method of the field, complete."""
+    """One complete method: a member of the family or another alpha method."""
 
     coefficients: Any  #: :class:`Coefficients`, or those of other equations with alpha, beta, gamma, b and total
     equations: str = "hht"  #: one of :data:`~solvers.hht.equations.methods.EQUATIONS`
-    reaction: str = "implicit"  #: where the end reaction is taken, (H8)
+    reaction: str = "implicit"  #: where the end reaction is evaluated, (H8)
     rescale_a: bool = True  #: adapt a0 when the step changes, (H11)
     start: str = "f0"  #: a0 of the first step, (H12)
-    extrapolated: bool = False  #: whether f holds the reaction of extrapolated multipliers, (H55)
+    extrapolated: bool = False  #: True if f includes the reaction of extrapolated multipliers, (H55)
 
     @property
     def total(self) -> bool:
-        """Whether f and a hold reactions too: at a start they are v' then."""
+        """True if f and a include reactions, so that at a start they equal v'."""
         return bool(self.coefficients.total or self.extrapolated)
 
 
 def alpha_of(alpha: Any, rho_inf: Any) -> float:
-    """The damping parameter from whichever of the two the caller gave, (H18) solved for alpha; neither: the default.
+    """The damping parameter alpha from ``alpha`` or ``rho_inf``, (H18); the default if neither is given.
 
     Raises
     ------

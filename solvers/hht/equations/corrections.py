@@ -1,8 +1,7 @@
-"""One step of the compiled loops as pure array functions of the state before it.
+"""Functions that the compiled loops call in a step: residual, Newton corrections, and the state after the step.
 
-The loops keep the state as one vector; the state after the step follows from it in straight lines, in the same order.
-Systems so small that their inverse matrix pays are given whole corrections: a product with an inverse of some ten rows takes
-less time than two triangles and the loops around them.
+The loops keep the state as one vector, in the order of :func:`state_after`.  Small systems get whole corrections from an
+explicit inverse: its product takes less time than two triangular solves in loops for some ten rows.
 """
 
 from __future__ import annotations
@@ -17,18 +16,18 @@ from solvers.hht.equations.discretise import unpack_matrix
 from solvers.hht.equations.known import Layout
 from solvers.hht.equations.methods import equations_of
 
-CONSTRAINED = "lam0", "lam1", "mu"  #: unknowns in whose places the rows of constraints stand
-SMALL = 12  #: unknowns up to which that is so
+CONSTRAINED = "lam0", "lam1", "mu"  #: unknowns whose positions in the residual hold the constraint rows
+SMALL = 12  #: unknowns up to which the explicit inverse is used
 
 
 def state_size(layout: Layout) -> int:
-    """Length of what :func:`state_after` returns."""
+    """Length of the vector that :func:`state_after` returns."""
     s = layout.structure
     return (7 if s.m else 5) * s.n + s.m + s.p
 
 
 def residual_of(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """The residual of the method's equations alone, (size,)."""
+    """Residual of the method's equations, (size,)."""
     return equations_of(method).residual_and_ends(dynamics, method, layout, x, given)[: layout.size]
 
 
@@ -40,38 +39,38 @@ def residual_and_end(dynamics: Dynamics, method: Method, layout: Layout, x: Any,
 
 
 def constraint_residual(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """:func:`of_constraints` of the step's residual."""
+    """The step's residual with only its constraint rows, (size,), for (H35)."""
     return of_constraints(layout, residual_of(dynamics, method, layout, x, given), dynamics.xp)
 
 
 def of_constraints(layout: Layout, residual: Any, xp: Any) -> Any:
-    """``residual`` (size,) with zeros in the rows of forces and reactions, as (H35) takes it."""
+    """``residual`` (size,) with zeros in the rows of forces and reactions, for (H35)."""
     rows = layout.split(residual)
     return xp.concatenate([rows[name] if name in CONSTRAINED else xp.zeros(size) for name, size in layout.unknowns.items()])
 
 
 def residual_and_entries(dynamics: Dynamics, method: Method, layout: Layout, pattern: Pattern, x: Any, given: Any) -> Any:
-    """The residual (size,), then the entries of [matrix; dq1/dx; dv1/dx] in ``pattern``, (H14)."""
+    """Residual (size,), then the entries of [matrix; dq1/dx; dv1/dx] in ``pattern``, (H14)."""
     packed = by_pattern(dynamics, pattern, equations_of(method).residual_and_ends, (method, layout), x, given)
     return dynamics.xp.concatenate([packed[: layout.size], packed[pattern.shape[0] :]])
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step; with position constraints R0, R1 too."""
+    """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step, then R0, R1 with position constraints."""
     return equations_of(method).state_after(dynamics, method, layout, x, given)
 
 
 def fresh_correction(
     dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, given: Any
 ) -> Any:
-    """A correction with the matrix at the iterate ``x`` (size,), and what a stored matrix needs, (H14).
+    """Newton correction with the matrix at the iterate ``x`` (size,), and the data to reuse this matrix, (H14).
 
-    ``entries`` are the flat places of dq1/dx over dv1/dx (2n, size) that can differ from zero.
+    ``entries``: flat indices of dq1/dx over dv1/dx (2n, size) that can differ from zero.
 
     Returns
     -------
     array (size + 2 + size*size + entries + 1,)
-        :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all that went in.
+        :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all inputs.
     """
     xp = dynamics.xp
     residual, blocks = unpack_matrix(layout, equations_of(method).residual_and_matrix(dynamics, method, layout, x, given))
@@ -84,7 +83,7 @@ def fresh_correction(
 def stored_correction_and_end(
     dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, inverted: Any, own: Any, given: Any
 ) -> Any:
-    """Corrections with the matrix of an earlier :func:`fresh_correction`, and the state after the step.
+    """Newton corrections with the matrix of an earlier :func:`fresh_correction`, and the state after the step.
 
     Returns
     -------
@@ -101,7 +100,7 @@ def stored_correction_and_end(
 
 
 def _sized(dynamics: Dynamics, layout: Layout, correction: Any, maps: Any) -> Any:
-    """The correction (size,), and the largest changes of q1 and of v1 that it makes; NaN if there is one."""
+    """The correction (size,) followed by its largest changes of q1 and of v1; NaN if any is."""
     xp, n = dynamics.xp, layout.structure.n
     moved = xp.abs(maps @ correction)
     return xp.concatenate([correction, moved[:n].max(keepdims=True), moved[n:].max(keepdims=True)])

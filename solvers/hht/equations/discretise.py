@@ -25,8 +25,8 @@ class Stages(NamedTuple):
 
     q1: Any  #: (n,)
     v1: Any  #: (n,)
-    end: Any  #: (n,) place of the end reaction, or None without position constraints
-    end_velocity: Any  #: (n,) velocity there, which matters where a reaction depends on it
+    end: Any  #: (n,) q at which the end reaction is evaluated, or None without position constraints
+    end_velocity: Any  #: (n,) v at which it is evaluated, or None if no reaction depends on v
     start_reaction: Any  #: (n,) R0, or None
     end_reaction: Any  #: (n,) R1, or None
 
@@ -66,7 +66,7 @@ def layout(structure: Structure, method: Method) -> Layout:
 
 
 def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """Residual, q1 and v1, (size + 2n,): what a sparse derivative is taken of, (H14).
+    """Residual, q1 and v1, (size + 2n,), for sparse differentiation, (H14).
 
     The residual is the imbalance of forces and of the constraint levels at the end of one step, (H6), (H7), (H13).  Force
     rows are multiplied by the inverse mass at the start of the step, the position rows by ``2 / h**2`` and the velocity
@@ -78,12 +78,12 @@ def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x
 
 
 def step_residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """:func:`residual_and_matrix` from the state."""
+    """:func:`residual_and_matrix` with known values computed from the state in ``given``."""
     return residual_and_matrix(dynamics, layout, x, known_values(dynamics, method, layout, given))
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step; with position constraints R0, R1 too."""
+    """q, v, a, f, lam, mu, (v1 - v0)/h at the end of the step, then R0, R1 with position constraints."""
     known, unknown = known_values(dynamics, method, layout, given), layout.split(x)
     place, before = stages(dynamics, layout, unknown, known), start_of(layout, given, dynamics.xp)
     parts = [place.q1, place.v1, unknown["a"], _rate(unknown, known) / known["end"]]  # (H6): no evaluation is needed
@@ -95,7 +95,7 @@ def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, give
 
 
 def _rate(unknown: Any, known: Any) -> Any:
-    """What (1 + alpha) f1 is in a step whose unknowns are met, (H6), (H45)."""
+    """(1 + alpha) f1 at the solution, (H6), (H45)."""
     return known["rate_a"] * unknown["a"] + known["rate_known"]
 
 
@@ -130,7 +130,7 @@ def residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, known: Mappi
     Returns
     -------
     array (size + size*size + 2*n*size,)
-        Residual, matrix, dq1/dx and dv1/dx, each in row-major order; :func:`unpack_matrix` takes them apart.
+        Residual, matrix, dq1/dx and dv1/dx, each in row-major order; unpack with :func:`unpack_matrix`.
     """
     xp, unknown = dynamics.xp, layout.split(x)
     place = stages(dynamics, layout, unknown, known)
@@ -141,7 +141,7 @@ def residual_and_matrix(dynamics: Dynamics, layout: Layout, x: Any, known: Mappi
 
 
 def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
-    """(residual (size,), [matrix; dq1/dx; dv1/dx] (size + 2n, size)) from :func:`residual_and_matrix`."""
+    """Split the result of :func:`residual_and_matrix`: residual (size,), [matrix; dq1/dx; dv1/dx] (size + 2n, size)."""
     size = layout.size
     return packed[:size], packed[size:].reshape(-1, size)
 
@@ -149,7 +149,7 @@ def unpack_matrix(layout: Layout, packed: Any) -> tuple[Any, Any]:
 def _matrix_rows(
     dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages, q_x: Any, v_x: Any
 ) -> list[Any]:
-    """The rows of (H14): every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
+    """Rows of Newton's matrix, (H14), by the chain rule through q1 and v1."""
     s, h, t1, end = layout.structure, known["h"], known["t1"], known["end"]
     by_q, by_v = applied_jacobians(dynamics, known, t1, place.q1, place.v1)
     by_q = None if by_q is None else -end * by_q
@@ -202,7 +202,7 @@ def _velocity_constraint_rows(
 
 
 def _end_derivatives(dynamics: Dynamics, layout: Layout, unknown: Any, known: Any, place: Stages) -> tuple[Any, Any]:
-    """dq1/dx and dv1/dx (n, size) of (H4), (H5)."""
+    """dq1/dx and dv1/dx, (n, size) each, of (H4), (H5)."""
     s, h = layout.structure, known["h"]
     eye = dynamics.xp.eye(s.n)
     q_blocks, v_blocks = {"a": known["q_a"] * eye}, {"a": known["v_a"] * eye}
@@ -227,7 +227,7 @@ def _end_derivatives(dynamics: Dynamics, layout: Layout, unknown: Any, known: An
 
 
 def columns(dynamics: Dynamics, layout: Layout, row: Any, **blocks: Any) -> Any:
-    """``row`` (rows, size) or None for zero, plus the named blocks under the columns of their unknowns."""
+    """Rows of a matrix: ``row`` (rows, size) or None for zero, plus the ``blocks`` in the columns of their unknowns."""
     height = next(iter(blocks.values())).shape[0]
     zeros = dynamics.xp.zeros
     direct = [blocks.get(name, zeros((height, size))) for name, size in layout.unknowns.items()]
@@ -245,7 +245,7 @@ def _end_reaction(dynamics: Dynamics, q: Any, lam: Any, known: Any) -> Any:
 
 
 def accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass") -> Any:
-    """M^-1 x, (H13), by the inverse mass that is known by ``name``; a constant mass has only one, (H2).  None stays None."""
+    """M^-1 x, (H13), by the inverse mass ``known[name]`` or a constant one, (H2).  None stays None."""
     inverse = known.get(name)
     if inverse is None:
         inverse = dynamics.inverse_mass
@@ -253,11 +253,11 @@ def accelerate(dynamics: Dynamics, known: Any, x: Any, name: str = "inverse_mass
 
 
 def scaled_rows(dynamics: Dynamics, known: Any, x: Any) -> Any:
-    """Rows ``x`` (n,) [N] as accelerations, (H13): M^-1 x, or where M^-1 is full x over the diagonal of M."""
+    """Force rows ``x`` (n,) [N] as accelerations, (H13): M^-1 x, or x over the diagonal of M where M^-1 is full."""
     return x / known["mass_diagonal"] if dynamics.structure.mass == "sparse" else accelerate(dynamics, known, x)
 
 
 def scaled_mass(dynamics: Dynamics, known: Any, t: Any, q: Any) -> Any:
-    """The mass there as :func:`accelerate` scales it, (n, n)."""
+    """M^-1 M(t, q) (n, n), with M^-1 of the step's start as in :func:`accelerate`."""
     s = dynamics.structure
     return accelerate(dynamics, known, dynamics.mass(t, q)) if s.mass == "variable" else dynamics.xp.eye(s.n)

@@ -12,7 +12,7 @@ from solvers.hht.equations.newmark import Newmark, Terms
 
 @dataclass(frozen=True, kw_only=True)
 class GeneralisedAlpha(Newmark):
-    """The weights that damp vibrations of infinite frequency by ``rho_inf`` in [0, 1] and low ones least, (H39)."""
+    """Weights that damp vibrations of infinite frequency by ``rho_inf`` in [0, 1] and low ones least, (H39)."""
 
     rho_inf: float
     form: str  #: "ggl": stabilised, with both constraint levels; "index3": with positions only
@@ -29,15 +29,15 @@ class GeneralisedAlpha(Newmark):
 
     @property
     def alpha(self) -> float:  # type: ignore[override]
-        """Where in the next step ``a`` belongs: a is near v'(t + alpha h), (H41)."""
+        """Offset of ``a`` in steps: a approximates v'(t + alpha h), (H41)."""
         return self.alpha_m - self.alpha_f
 
     def multipliers(self) -> tuple[str, ...]:
-        """``eta`` of the stabilised form vanishes in the exact solution, (H40)."""
+        """Names of the multipliers; ``eta`` of the stabilised form vanishes in the exact solution, (H40)."""
         return ("eta", "lam1") if self.form == "ggl" else ("lam1",)
 
     def terms(self, dynamics: Dynamics, start: Mapping[str, Any]) -> Terms:
-        """The sums of one step."""
+        """Weights and known parts of one step, (H36), (H39), (H40)."""
         h, a0, of_last = start["h"], start["a0"], 1.0 / (1.0 - self.alpha_f)
         return Terms(
             q=start["q"] + h * start["v"] + h * h * (0.5 - self.beta) * a0,  # (H36)

@@ -1,4 +1,4 @@
-"""HHT-I3, (H42): Negrut, Rampalli, Ottarsson and Sajdak (2007), what ADAMS and Chrono run."""
+"""HHT-I3, (H42): Negrut, Rampalli, Ottarsson and Sajdak (2007), the method of ADAMS and Chrono."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from solvers.hht.equations.newmark import Newmark, Terms
 
 @dataclass(frozen=True, kw_only=True)
 class HHTI3(Newmark):
-    """The weights of HHT-alpha, ``alpha`` in [-1/3, 0], (H3), with the reactions among the forces."""
+    """Weights of HHT-alpha, ``alpha`` in [-1/3, 0], (H3), with the reactions among the forces."""
 
     alpha: float
 
     def multipliers(self) -> tuple[str, ...]:
-        """Those of the reactions: positions alone are held, (H38)."""
+        """Names of the multipliers: one set, since only positions are constrained, (H38)."""
         return ("lam1",)
 
     def terms(self, dynamics: Dynamics, start: Mapping[str, Any]) -> Terms:
-        """The sums of one step."""
+        """Weights and known parts of one step, (H36), (H42)."""
         h, a0, at = start["h"], start["a0"], (start["t"], start["q"], start["v"])
         before = dynamics.force(*at)
         if dynamics.structure.m:

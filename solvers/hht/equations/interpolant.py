@@ -16,10 +16,10 @@ from solvers.hht.equations.formulas import cubic, smooth_rise
 
 @dataclass(frozen=True)
 class HermiteOutput:
-    """q is the cubic through q and v at both ends of a step, error O(h^4); v its derivative, error O(h^3).
+    """Dense output: q is the cubic through q and v at both ends of a step, error O(h^4); v its derivative, error O(h^3).
 
-    A time that stands twice is an event that changed the state: before it the output belongs to the first of the
-    two rows, at it and after it to the second.
+    Two rows with one time are an event that changed the state: before that time the output is from the first row, from
+    it on from the second.
     """
 
     t: Vector  #: (k,) step ends, monotone
@@ -27,7 +27,7 @@ class HermiteOutput:
     v: Matrix  #: (k, n)
 
     def __call__(self, t: Any) -> DenseOutput:
-        """q and v at ``t``: scalar -> (n,), (j,) -> (j, n).  Times outside the steps are refused."""
+        """q and v at ``t``: scalar -> (n,), (j,) -> (j, n).  Raises ProblemError outside the steps."""
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         low, high = min(self.t[0], self.t[-1]), max(self.t[0], self.t[-1])
         if not np.all((times >= low) & (times <= high)):
@@ -36,13 +36,13 @@ class HermiteOutput:
         return DenseOutput(q[0], v[0]) if np.ndim(t) == 0 else DenseOutput(q, v)
 
     def rows_before(self, times: Vector) -> Any:
-        """The last row at or before each of ``times`` (j,), in the direction of time: (j,) indices."""
+        """(j,) index of the last row at or before each of ``times`` (j,), in the direction of time."""
         if self.t[-1] < self.t[0]:
             return (-self.t).searchsorted(-times, side="right") - 1
         return self.t.searchsorted(times, side="right") - 1
 
     def at(self, times: Vector, row: Vector) -> tuple[Matrix, Matrix]:
-        """q and v (j, n) at ``times`` (j,) within the steps, each in the step from its ``row``."""
+        """q and v (j, n) at ``times`` (j,), each in the step that begins at its ``row``."""
         q, v = self.q[row], self.v[row]
         between = self.t[row] != times  # step ends are returned as they are, not as the polynomial rounds them
         i = row[between]

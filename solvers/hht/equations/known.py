@@ -1,4 +1,4 @@
-"""Which unknowns a step has, and what is known before it: Newmark weights, places of reactions, a0 for another step."""
+"""Unknowns of a step, and its known values: Newmark weights, where reactions are evaluated, a0 for another step size."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from solvers.kernel.memory import GIVEN, HEAD
 
 @dataclass(frozen=True)
 class Layout:
-    """Which unknowns a step has; hashable, it selects the compiled code.
+    """Unknowns of a step; hashable, selects the compiled code.
 
-    The reaction of a stage is eliminated where it is an explicit function of the other unknowns, else its
-    acceleration ``R`` is an unknown with a row ``M R - Q = 0`` of its own.
+    The reaction of a stage is eliminated where it is an explicit function of the other unknowns; otherwise its
+    acceleration ``R`` is an unknown with a row ``M R - Q = 0``.
     """
 
     structure: Structure
-    moving: bool  #: the end reaction is taken at a place that depends on q1
-    end_unknown: bool  #: R1 is an unknown: it acts on q1 and is taken there, depends on v1, or M^-1 is not known or full
-    inverse_places: tuple[int, ...] | None = None  #: flat places where M^-1 can differ from zero; None: anywhere
-    multipliers: tuple[str, ...] = ("lam0", "lam1")  #: of position constraints
-    extrapolated: bool = False  #: whether the reaction of extrapolated multipliers is an applied force, (H55)
+    moving: bool  #: True if the end reaction is evaluated at a q that depends on q1
+    end_unknown: bool  #: True if R1 is an unknown: it acts on q1 and depends on q1 or v1, or M^-1 is unknown or full
+    inverse_places: tuple[int, ...] | None = None  #: flat indices where M^-1 can differ from zero; None: all
+    multipliers: tuple[str, ...] = ("lam0", "lam1")  #: names of the position constraints' multipliers
+    extrapolated: bool = False  #: True if the reaction of extrapolated multipliers is an applied force, (H55)
     unknowns: dict[str, int] = field(init=False, compare=False)  #: names and sizes, in order; none of undeclared constraints
     size: int = field(init=False, compare=False)  #: number of unknowns
 
@@ -45,11 +45,11 @@ class Layout:
 
     @property
     def start_unknown(self) -> bool:
-        """R0 is an unknown: M^-1 is full."""
+        """True if R0 is an unknown, as M^-1 is full."""
         return self.structure.mass == "sparse"
 
     def sparse_inverse(self, inverse: Any, xp: Any) -> Any:
-        """M^-1 (n, n) from its entries (n*n,): the zeros that are known are written down, so that none is multiplied by."""
+        """M^-1 (n, n) from its entries (n*n,), with known zeros set to the constant 0, so that they cost no products."""
         if self.inverse_places is not None:
             there = np.zeros(self.structure.n**2, dtype=bool)
             there[list(self.inverse_places)] = True
@@ -57,18 +57,18 @@ class Layout:
         return inverse.reshape(self.structure.n, -1)
 
     def split(self, vector: Any) -> dict[str, Any]:
-        """The unknowns by name, from ``vector`` (size,)."""
+        """Split ``vector`` (size,) into the unknowns by name."""
         return named(self.unknowns, vector)
 
 
 def named(sizes: Mapping[str, int], vector: Any) -> dict[str, Any]:
-    """Parts of ``vector`` one after the other, by name."""
+    """Split ``vector`` into consecutive parts by name."""
     ends = np.cumsum(list(sizes.values()))
     return {name: vector[end - size : end] for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
 
 def known_values(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> dict[str, Any]:
-    """What :func:`weighted` gives for the step and the state in ``given``."""
+    """Weights and known values of a step, as :func:`weighted`, from the vector ``given``."""
     start = started(dynamics, method, layout, given)
     values = weighted(method, layout, lambda t, q: inverse_mass_at(dynamics, t, q), start)
     if layout.structure.mass == "sparse":
@@ -77,7 +77,7 @@ def known_values(dynamics: Dynamics, method: Method, layout: Layout, given: Any)
 
 
 def start_of(layout: Layout, given: Any, xp: Any) -> dict[str, Any]:
-    """By name what :func:`weighted` takes, from one vector: GIVEN, HEAD, q, v, a, f, lam, mu, vdot, those of (H55), M^-1."""
+    """Split ``given`` into the step and the state before it: GIVEN, HEAD, q, v, a, f, lam, mu, vdot, (H55), M^-1."""
     s, numbers = layout.structure, (*GIVEN, *HEAD)
     start: dict[str, Any] = dict(zip(numbers, given[: len(numbers)], strict=True))
     sizes = {"q": s.n, "v": s.n, "a": s.n, "f": s.n, "lam": s.m, "mu": s.p, "vdot": s.n}
@@ -92,7 +92,7 @@ def start_of(layout: Layout, given: Any, xp: Any) -> dict[str, Any]:
 
 
 def started(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> dict[str, Any]:
-    """:func:`start_of`, where multipliers are extrapolated with a0 for the rate at which they change in this step."""
+    """:func:`start_of`, with a0 corrected for the change of extrapolated multipliers in this step, (H56)."""
     start = start_of(layout, given, dynamics.xp)
     if layout.extrapolated:
         now, inverse = start["lam_applied"], start["inverse_mass"]
@@ -104,7 +104,7 @@ def started(dynamics: Dynamics, method: Method, layout: Layout, given: Any) -> d
 
 
 def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], start: Mapping[str, Any]) -> dict[str, Any]:
-    """Weights and places of one step by name; pure array code.
+    """Weights and known values of one step by name; pure array code.
 
     ``start``: t, h, t1 [s], ``from_end``, q, v, f, a0 (n,) and the inverse mass.
     """
@@ -143,7 +143,7 @@ def weighted(method: Method, layout: Layout, inverse_mass: Callable[..., Any], s
 
 
 def _reaction_values(reaction: str, b: float, t: Any, q: Any, v: Any, h: Any, t1: Any) -> dict[str, Any]:
-    """Weights and place of the two stage reactions, (H8) with the predictor (H9)."""
+    """Weights of the two stage reactions, and where they are evaluated, (H8) with the predictor (H9)."""
     half, predicted = 0.5 * h * h, q + h * v  # (H9)
     values = {"t0": t, "q0": q, "q_R0": half * (1.0 - b), "q_R1": half * b, "v_R0": 0.5 * h, "v_R1": 0.5 * h}
     if reaction == "implicit":

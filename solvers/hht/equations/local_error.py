@@ -1,4 +1,4 @@
-"""What the local error of a step is made of, (H23) to (H25), (H59); :mod:`~solvers.hht.control.estimate` filters it."""
+"""Terms of a step's local error, (H23) to (H25), (H59); :mod:`~solvers.hht.control.estimate` filters it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from solvers.hht.equations.discretise import scaled_rows
 from solvers.hht.equations.known import Layout, named, start_of, started
 from solvers.kernel.memory import CONTROL_NUMBERS
 
-REMEMBERED = ("earlier", "acceleration", "reaction_k")  # vectors (n,) of the same: f + r at -last and 0, R_k
+REMEMBERED = ("earlier", "acceleration", "reaction_k")  # vectors (n,): f + r at -last and at 0, R_k
 
 
 def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any, remembered: Any, end: Any) -> Any:
-    """Imbalances that make the errors of q1 and of v1, unfiltered, and f + r at the end of the step: (3n,).
+    """Unfiltered errors: imbalances that cause the errors of q1 and of v1, then f + r at the end of the step, (3n,).
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def raw_errors(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given
 
 
 def _ended(layout: Layout, end: Any) -> dict[str, Any]:
-    """The end of the step by name."""
+    """Split ``end`` into the quantities at the end of the step by name."""
     s = layout.structure
     names = {"q1": s.n, "v1": s.n, "a1": s.n, "f1": s.n, "lam1": s.m, "mu": s.p, "rate": s.n}
     names |= dict.fromkeys(("R0", "R1"), s.n) if s.m else {}
@@ -48,9 +48,9 @@ def _ended(layout: Layout, end: Any) -> dict[str, Any]:
 
 
 def answer(dynamics: Dynamics, method: Method, layout: Layout, error: Any, given: Any, end: Any) -> Any:
-    """What an ``error`` of q1 (n,) makes of the force rows, (H59), (n,).
+    """Change of the force rows (n,) due to an ``error`` of q1 (n,), (H59).
 
-    ``given`` and ``end`` as :func:`raw_errors` takes them.
+    ``given`` and ``end`` as in :func:`raw_errors`.
     """
     before, after = start_of(layout, given, dynamics.xp), _ended(layout, end)
     applied = {"applied": before["lam_ahead"]} if layout.extrapolated else {}
@@ -60,7 +60,7 @@ def answer(dynamics: Dynamics, method: Method, layout: Layout, error: Any, given
 
 
 def _position(dynamics: Dynamics, method: Method, before: Any, after: Any, memory: Any) -> Any:
-    """(H23), (n,)."""
+    """Imbalance (n,) that causes the error of q1, (H23)."""
     c, h, xp = method.coefficients, before["h"], dynamics.xp
     raw = (1 + 3 * c.alpha**2) / 12 * (after["a1"] - (before["a0"] + before["from_end"] * after["a"]))
     if dynamics.structure.m:
@@ -73,7 +73,7 @@ def _position(dynamics: Dynamics, method: Method, before: Any, after: Any, memor
 
 
 def _reaction(dynamics: Dynamics, method: Method, layout: Layout, before: Any, after: Any) -> Any:
-    """r at the end of the step with multipliers of second order, (n,), (H24)."""
+    """Acceleration r (n,) by the reactions at the end of the step, with multipliers of second order, (H24)."""
     s, xp, force, h, t1 = dynamics.structure, dynamics.xp, 0.0, before["h"], before["t1"]
     share = xp.where(before["last"] == 0.0, 1.0, h / (h + before["last"]))  # of a change that is still to come
     if s.m:
@@ -96,14 +96,14 @@ def _over_mass(dynamics: Dynamics, layout: Layout, after: Any, t1: Any, x: Any) 
 
 
 def scaled_inertia(dynamics: Dynamics, layout: Layout, x: Any, given: Any) -> Any:
-    """Accelerations ``x`` (n,) in the force rows of a step whose mass is sparse; ``given``: the step."""
+    """Force rows of the accelerations ``x`` (n,) in a step whose mass is sparse; ``given``: the step."""
     start = start_of(layout, given, dynamics.xp)
     mass = dynamics.mass(start["t"], start["q"])
     return scaled_rows(dynamics, {"mass_diagonal": mass.diagonal}, mass @ x)
 
 
 def parabola(last: Any, h: Any, earliest: Any, start: Any, end: Any) -> Any:
-    """The integral over [0, h] of the quadratic through the values at -last, 0 and h, (H25)."""
+    """Integral over [0, h] of the quadratic through the values at -last, 0 and h, (H25)."""
     back = -(h**3) / (6 * last * (last + h))
     ahead = h * (2 * h + 3 * last) / (6 * (h + last))
     return back * earliest + (h - back - ahead) * start + ahead * end

@@ -1,4 +1,4 @@
-"""The equations that a method names: functions (dynamics, method, layout, x, given), of which everything else is made."""
+"""Table of the equations of each method, as functions (dynamics, method, layout, x, given)."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from solvers.hht.equations.known import Layout
 
 
 class Equations(NamedTuple):
-    """One step of a method."""
+    """Functions that define one step of a method."""
 
-    layout: Callable[[Structure, Method], Layout]  #: its unknowns
+    layout: Callable[[Structure, Method], Layout]  #: unknowns of a step
     residual_and_ends: Callable[..., Any]  #: residual, q1 and v1, (size + 2n,)
     residual_and_matrix: Callable[..., Any]  #: residual, matrix, dq1/dx and dv1/dx, (size + size*size + 2*n*size,)
     state_after: Callable[..., Any]  #: see :func:`~solvers.hht.equations.corrections.state_after`
@@ -37,5 +37,5 @@ EQUATIONS = {
 
 
 def equations_of(method: Method) -> Equations:
-    """Those of ``method``."""
+    """The equations of ``method``."""
     return EQUATIONS[method.equations]

@@ -1,7 +1,7 @@
-"""One step of a method of Newmark's form whose accelerations hold the reactions, (H36) to (H38) of THEORY.md.
+"""One step of Newmark-type methods whose accelerations include the reactions, (H36) to (H38) of THEORY.md.
 
-The methods of the field that the extended HHT is compared with; what each makes of these rows is its own file of weights.
-Backend-neutral and of the same signatures as :mod:`~solvers.hht.equations.discretise`.
+For the methods of the field that the extended HHT is compared with; each has its own file of weights.
+Backend-neutral, with the signatures of :mod:`~solvers.hht.equations.discretise`.
 """
 
 from __future__ import annotations
@@ -17,37 +17,37 @@ from solvers.hht.equations.known import Layout, start_of
 
 
 class Terms(NamedTuple):
-    """The sums of one step, (H36), (H37): weights of the unknowns, and what is known."""
+    """Weights of the unknowns and known parts of one step, (H36), (H37)."""
 
-    q: Any  #: (n,) what is known of q1
-    v: Any  #: (n,) the same of v1
-    rate: Any  #: (n,) the same of v'1
+    q: Any  #: (n,) known part of q1
+    v: Any  #: (n,) known part of v1
+    rate: Any  #: (n,) known part of v'1
     q_a: Any  #: weight of a1 in q1
-    v_a: Any  #: in v1
-    rate_a: Any = 1.0  #: in v'1
+    v_a: Any  #: weight of a1 in v1
+    rate_a: Any = 1.0  #: weight of a1 in v'1
     q_R0: Any = 0.0  #: weight of M^-1 r(t0, q0, .) of the first multiplier in q1
-    v_R0: Any = 0.0  #: in v1
+    v_R0: Any = 0.0  #: its weight in v1
     end: float = 1.0  #: weight of the forces and reactions at the end of the step
-    earlier: Any = None  #: (n,) those before it, weighted; None: they do not count
+    earlier: Any = None  #: (n,) weighted forces and reactions at its start; None: not used
 
 
 class Newmark(NewmarkWeights):
-    """What the weights of such a method have in common; ``alpha`` says where ``a`` belongs, near v'(t + alpha h)."""
+    """Base class of these methods' weights; a approximates v'(t + alpha h)."""
 
     b: ClassVar[float] = 0.0  #: weight of the end reaction in the position
-    total: ClassVar[bool] = True  #: a holds the reactions
+    total: ClassVar[bool] = True  #: a includes the reactions
 
     @property
     def both_levels(self) -> bool:
-        """Whether steps end on both levels of the constraints, and not on that of positions alone, (H38)."""
+        """True if steps end on both constraint levels, False if on that of positions alone, (H38)."""
         return len(self.multipliers()) > 1
 
     def multipliers(self) -> tuple[str, ...]:
-        """Names of a step's multipliers, (m,) each; the last, "lam1", is that of the reactions at the end."""
+        """Names of a step's multipliers, (m,) each; the last, "lam1", belongs to the reactions at the end."""
         raise NotImplementedError
 
     def terms(self, dynamics: Dynamics, start: Mapping[str, Any]) -> Terms:
-        """From the step and the state before it, by the names of :func:`~solvers.hht.equations.known.start_of`."""
+        """Terms of a step from the state before it, with names of :func:`~solvers.hht.equations.known.start_of`."""
         raise NotImplementedError
 
 
@@ -60,12 +60,12 @@ class End(NamedTuple):
 
 
 def layout(structure: Structure, method: Method) -> Layout:
-    """The unknowns: accelerations and multipliers.
+    """Layout of the unknowns: accelerations and multipliers.
 
     Raises
     ------
     ProblemError
-        There are constraints on velocities, for which these methods are not published.
+        The system has velocity constraints, for which these methods are not published.
     """
     if structure.p:
         raise ProblemError(f"this method takes position constraints only; the system has {structure.p} on velocities.")
@@ -73,7 +73,7 @@ def layout(structure: Structure, method: Method) -> Layout:
 
 
 def residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """Residual, q1 and v1, (size + 2n,)."""
+    """Residual, q1 and v1, (size + 2n,), for sparse differentiation."""
     step = _Step(dynamics, method, layout, x, given)
     return dynamics.xp.concatenate([*step.rows(), step.end.q1, step.end.v1])
 
@@ -87,7 +87,7 @@ def residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: A
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """q, v, a, v', lam, v' at the end of the step; zeros in the places of stage reactions."""
+    """q, v, a, v', lam, v' at the end of the step; zeros instead of stage reactions."""
     step, s = _Step(dynamics, method, layout, x, given), layout.structure
     parts = [step.end.q1, step.end.v1, step.unknown["a"], step.end.rate]
     parts += [step.unknown["lam1"], step.end.rate, dynamics.xp.zeros(2 * s.n)] if s.m else [step.end.rate]
@@ -95,7 +95,7 @@ def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, give
 
 
 class _Step:
-    """One step at an iterate ``x``."""
+    """One step, evaluated at an iterate ``x``."""
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> None:
         self.dynamics, self.layout, self.unknown = dynamics, layout, layout.split(x)
@@ -111,7 +111,7 @@ class _Step:
         self.end = End(q1, v1, terms.rate + terms.rate_a * a)
 
     def rows(self) -> list[Any]:
-        """Of forces and of the constraints, (H37), (H38), scaled as those of :mod:`~solvers.hht.equations.discretise`."""
+        """Residual rows of forces and constraints, (H37), (H38), scaled as in :mod:`~solvers.hht.equations.discretise`."""
         d, (q1, v1, rate), terms = self.dynamics, self.end, self.terms
         h, t1, s = self.start["h"], self.start["t1"], self.layout.structure
         force = d.force(t1, q1, v1)
@@ -126,7 +126,7 @@ class _Step:
         return rows
 
     def end_derivatives(self) -> tuple[Any, Any]:
-        """dq1/dx and dv1/dx (n, size) of (H36)."""
+        """dq1/dx and dv1/dx, (n, size) each, of (H36)."""
         d, terms, eye = self.dynamics, self.terms, self.dynamics.xp.eye(self.layout.structure.n)
         q_blocks, v_blocks = {"a": terms.q_a * eye}, {"a": terms.v_a * eye}
         if self.first != "lam1" and self.layout.structure.m:
@@ -136,7 +136,7 @@ class _Step:
         return columns(d, self.layout, None, **q_blocks), columns(d, self.layout, None, **v_blocks)
 
     def matrix_rows(self, q_x: Any, v_x: Any) -> list[Any]:
-        """Every row's derivative by q1 and v1, chained with theirs by the unknowns, plus the direct part."""
+        """Rows of Newton's matrix, by the chain rule through q1 and v1."""
         d, (q1, v1, rate), terms = self.dynamics, self.end, self.terms
         h, t1, s = self.start["h"], self.start["t1"], self.layout.structure
         by_q, by_v = (None if by is None else -terms.end * by for by in d.force_jacobians(t1, q1, v1))

@@ -13,17 +13,17 @@ from solvers.hht.equations.newmark import Newmark, Terms
 
 @dataclass(frozen=True, kw_only=True)
 class Rattle(Newmark):
-    """Newmark's weights of the leapfrog; symplectic where the mass is constant and forces come from a potential."""
+    """Weights of RATTLE (leapfrog); symplectic where the mass is constant and forces have a potential."""
 
     alpha: ClassVar[float] = 0.0  # type: ignore[misc]
     beta: ClassVar[float] = 0.0  #: no end acceleration in the position
 
     def multipliers(self) -> tuple[str, ...]:
-        """At the start of the step for the positions, at its end for the velocities."""
+        """Names of the multipliers: at the start for the positions, at the end for the velocities."""
         return ("lam0", "lam1")
 
     def terms(self, dynamics: Dynamics, start: Mapping[str, Any]) -> Terms:
-        """The sums of one step."""
+        """Weights and known parts of one step, (H43)."""
         h, v = start["h"], start["v"]
         f0 = accelerate(dynamics, start, dynamics.force(start["t"], start["q"], v))
         half = v + 0.5 * h * f0  # (H43)

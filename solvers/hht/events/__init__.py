@@ -1,4 +1,4 @@
-"""Events: what a user declares, sign changes in a step, the step that ends at one."""
+"""Events: their declaration, sign changes within a step, and the step that ends at one."""
 
 from solvers.hht.events.event import Event
 

@@ -1,4 +1,4 @@
-"""Events: what a user declares, and as the loops take it: machine code where JAX can trace a function, else a callback."""
+"""Events as the user declares them, and their functions: machine code where JAX can trace them, else callbacks."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from solvers.hht.events.scan import EXTRA
 from solvers.kernel.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 
 NUMBERS = (int, float, str, type(None))
-LIBRARIES = ("jax", "numpy", "math")  # what their modules hold stays
+LIBRARIES = ("jax", "numpy", "math")  # modules whose contents do not change
 BUILTINS = (abs, min, max, float, int, len, range, sum, pow, round)
-DEEPEST = 4  # functions that call one another
+MAX_DEPTH = 4  # of functions that call one another
 
 
 @dataclass(frozen=True)
 class Event:
     """A zero of a function of the state, to be found along the motion.
 
-    The function is sampled at the end of each step and at ``samples`` points within it; a change of sign between two of
-    these is an event.  So two zeros in one step are found where a sample lies between them; a zero without a change
-    of sign is found only if a sample meets it.  A motion that begins on a zero has no event there, but for one that has a
-    change and a direction in which the motion sets out; one that ends on a zero has.  A function that jumps is fine.
+    The function is sampled at the end of each step and at ``samples`` points within it; a change of sign between two
+    samples is an event.  Two zeros in one step are found if a sample lies between them, a zero without a change of sign
+    only if a sample hits it.  A motion that begins on a zero has no event there, unless the event has a change and a
+    direction in which the motion sets out; a motion that ends on a zero has one.  The function may be discontinuous.
 
-    Where an event neither stops the integration nor changes the state, its time is a zero along the dense output, and its
-    state the dense output's, put onto both levels of the constraints, (H47).  Where it does, the step is taken again with
-    the length at which the function is zero at the step's own end (or has just crossed it), to the last bits of time: the
-    state there is as good as at every step.
+    If the event neither stops the integration nor changes the state, its time is a zero along the dense output, and its
+    state that of the dense output, projected onto both levels of the constraints, (H47).  Otherwise the step is repeated
+    with the length at which the function is zero (or has just crossed zero) at the step's own end, to the last bits of
+    time: the state there is as accurate as at every step.
 
     Parameters
     ----------
@@ -54,17 +54,17 @@ class Event:
         True: the first occurrence stops the integration; a whole number: so does that one, and later ones where
         stepping goes on.
     change
-        ``(t, q, v)`` to a new ``(q, v)``, an impact, say.  It is projected onto both levels of the constraints in the norm
-        of the mass matrix, (H20), and the integration begins anew there, with new multipliers and step control.  Where
-        several events change the state at one time they do so in the order in which they were given, and again where the
-        change by one leads back to the zero of another, as between three bodies that meet together.  A change that turns
-        the function back or stops it leaves the motion on the side of the zero from which it came; one that does not lets
-        it pass.  Changes that pile up at one time, as those of a ball that comes to rest, end the run with a status: end
-        it before, by a terminal event of low height and speed, and go on with a constraint in the place of the contact.
+        ``(t, q, v)`` to a new ``(q, v)``, for example an impact.  It is projected onto both levels of the constraints in
+        the norm of the mass matrix, (H20), and the integration restarts there with new multipliers and step control.
+        Several events at one time change the state in the order in which they were given, and again where the change by
+        one leads back to the zero of another, as between three bodies that collide together.  A change that reverses or
+        stops the function leaves the motion on the side of the zero from which it came; any other lets it pass.
+        Changes that pile up at one time, as those of a ball that comes to rest, end the run with a status: end it
+        earlier, by a terminal event at low height and speed, and continue with a constraint instead of the contact.
     name
-        For messages; the function's own name without one.
+        For messages; by default the function's own name.
     samples
-        Points within a step at which the function is evaluated; where nothing else keeps steps short, ``max_step`` does.
+        Points within a step at which the function is evaluated; limit the step by ``max_step`` where nothing else does.
     """
 
     function: Callable[..., Any]
@@ -88,26 +88,26 @@ class Event:
         positive_integer("an event's samples", self.samples)
 
     def ends(self, count: int) -> bool:
-        """Whether occurrence number ``count`` stops the integration."""
+        """True if occurrence number ``count`` stops the integration."""
         return bool(self.terminal) and count >= int(self.terminal)
 
 
 @dataclass(frozen=True)
 class Occurrence:
-    """One event as it occurred."""
+    """One occurrence of an event."""
 
     index: int  #: in the list of events
     name: str
     t: float  #: [s]
     q: Vector  #: (n,) before a change
     v: Vector  #: (n,) before a change
-    note: str = ""  #: where no state on the constraints was found, by how much this one is off them
+    note: str = ""  #: constraint violation, if the state could not be projected onto the constraints
 
 
 def make_events(given: Any) -> tuple[Event, ...]:
-    """Events from what the user gave: None, one, or several; each an :class:`Event` or a plain callable.
+    """Events from the user's argument: None, one, or several; each an :class:`Event` or a plain callable.
 
-    A plain callable may carry SciPy's attributes ``direction`` and ``terminal``; nothing is written to it.
+    SciPy's attributes ``direction`` and ``terminal`` of a plain callable are used; the callable is not modified.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def _event(place: str, given: Any) -> Event:
 
 
 def number_of(event: Event, t: float, q: Vector, v: Vector) -> float:
-    """The event function at one point.
+    """Value of the event function at one point.
 
     Raises
     ------
@@ -150,13 +150,13 @@ def number_of(event: Event, t: float, q: Vector, v: Vector) -> float:
 
 
 def value_of(event: Event, t: float, q: Vector, v: Vector, work: Work) -> float:
-    """:func:`number_of`, counted."""
+    """:func:`number_of`, with the evaluation counted."""
     work.add("event_evaluations")
     return number_of(event, t, q, v)
 
 
 def changed_by(event: Event, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
-    """The new (q, v) of an event with a change.
+    """The new (q, v) that the event's change returns.
 
     Raises
     ------
@@ -184,34 +184,34 @@ def _read_only(x: Vector) -> Vector:
 
 
 def event_value(dynamics: Dynamics, function: Callable[..., Any], seen: Any, t: Any, q: Any, v: Any) -> Any:
-    """The value of an event function, (1,); ``seen`` tells functions apart that refer to other numbers by now."""
+    """Value of an event function as (1,), for tracing; ``seen`` are the values it refers to, part of the cache key."""
     value = dynamics.xp.asarray(function(t, q, v))
     if value.ndim or value.dtype.kind not in "fiu":
-        raise TypeError("no real number")  # the callback says it to the user
+        raise TypeError("no real number")  # the callback reports it to the user
     return value.astype(float).reshape(1)
 
 
 class EventFunctions:
-    """Addresses of event functions; of machine code as long as what they refer to stays."""
+    """Addresses of event functions: machine code while the values they refer to stay, else callbacks."""
 
     def __init__(self, events: Sequence[Event], functions: Any, callbacks: Callbacks) -> None:
         self.events = tuple(events)
         self.samples = sum(event.samples + EXTRA for event in self.events)
         n = functions.layout.structure.n
-        self._known = []  # of every function: itself, what it refers to, its machine code, the address of a callback
+        self._known = []  # per function: itself, values it refers to, machine code, address of the callback
         for event in self.events:
             seen, called = seen_by(event.function), callbacks.entry(partial(number_of, event), 1, ((), (n,), (n,)))
             self._known.append((event.function, seen, _compiled(functions, event, seen, n), called))
 
     def codes(self) -> list[int]:
-        """Addresses of every function and of its parameters."""
+        """Addresses of all functions and of their parameters, in pairs."""
         pairs = list[int]()
         for function, seen, code, called in self._known:
             pairs += code.pair if code is not None and seen == seen_by(function) else (called, 0)
         return pairs
 
     def fill(self, z: Memory) -> None:
-        """Put what does not change into the loops' memory."""
+        """Put directions and numbers of samples into the loops' memory."""
         integer_view(z, DIRECTIONS)[:] = [event.direction for event in self.events]
         integer_view(z, SAMPLES)[:] = [event.samples for event in self.events]
 
@@ -228,11 +228,11 @@ def _compiled(functions: Any, event: Event, seen: Any, n: int) -> Native | None:
 
 
 def seen_by(function: Any, depth: int = 0) -> tuple[Any, ...] | None:
-    """The numbers that ``function`` refers to; None where it refers to anything that could change unseen.
+    """The values that ``function`` refers to; None if it refers to anything that could change unnoticed.
 
-    A list that it appends to, say, would grow once, when it is traced, and never again.
+    A list that it appends to, for instance, would grow once, at tracing, and never again.
     """
-    if not isinstance(function, FunctionType) or depth > DEEPEST:
+    if not isinstance(function, FunctionType) or depth > MAX_DEPTH:
         return None
     names = inspect.getclosurevars(function)
     values = [*names.nonlocals.values(), *names.globals.values(), *(function.__defaults__ or ())]
@@ -242,7 +242,7 @@ def seen_by(function: Any, depth: int = 0) -> tuple[Any, ...] | None:
 
 
 def _seen(value: Any, depth: int) -> tuple[Any, ...] | None:
-    """What there is to see of one value."""
+    """Hashable identity of one value that a function refers to; None if the value could change unnoticed."""
     if isinstance(value, NUMBERS):
         return type(value).__name__, value
     if isinstance(value, tuple):

@@ -1,6 +1,6 @@
 """Sign changes of event functions along one step's dense output, and the step that ends at one.
 
-Such a step is a zero of the event function at the step's own end, as a function of its length.
+That step is found as a zero of the event function at the step's end, as a function of its length.
 """
 
 from __future__ import annotations
@@ -26,31 +26,31 @@ from solvers.kernel.numbers import EPS, TINY
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
-NUDGE = 1e-7  # of the samples' distance: over it the slope of an event function is looked up
-WIDER = 8.0  # factor between two looks for the other side of an event
+NUDGE = 1e-7  # of the distance of samples: increment of time for the slope of an event function
+WIDER = 8.0  # growth of the bracket while the other side of an event is searched
 CLOSE = 4.0  # spacings of floating-point times within which an event is at the end of a step
 TOGETHER = 8.0  # spacings within which events that change the state happen at one time
 
-Attempt = tuple[Vector, ...]  # what the loops' memory holds of an attempt at a step
+Attempt = tuple[Vector, ...]  # copy of an attempted step from the loops' memory
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """A change of sign along the dense output of a step."""
+    """A change of sign of an event function along a step's dense output."""
 
     index: int  #: of the event
     t: float  #: [s]
     side: int  #: sign of the function before it
-    bracket: tuple[float, float]  #: [s], samples around it
+    bracket: tuple[float, float]  #: times [s] of the samples on both sides
 
 
 def crossings(
     events: Sequence[Event], times: Vector, values: Vector, roundoff: Vector, output: HermiteOutput, work: Work
 ) -> tuple[Crossing, ...]:
-    """Changes of sign along ``output``, which is one step, in order of time, those at one time in the order of the events.
+    """Sign changes along ``output`` (one step), ordered by time, those at one time in the order of the events.
 
-    ``times`` and ``values``: the samples that :func:`~solvers.hht.events.scan.scan` has taken; ``roundoff`` (k,) of the
-    values where the step begins beside a zero.
+    ``times`` and ``values``: samples of :func:`~solvers.hht.events.scan.scan`; ``roundoff`` (k,): of values at a zero at
+    the step's start.
     """
     found, direction = list[Crossing](), 1.0 if output.t[-1] > output.t[0] else -1.0
     for index, part in enumerate(_parts(events)):
@@ -59,7 +59,7 @@ def crossings(
 
 
 def _parts(events: Sequence[Event]) -> list[slice]:
-    """Where the samples of each event are among those of all."""
+    """Slice of each event's samples among all."""
     ends = np.cumsum([event.samples + EXTRA for event in events])
     return [slice(end - event.samples - EXTRA, end) for event, end in zip(events, ends, strict=True)]
 
@@ -90,7 +90,7 @@ def _crossings(
 
 
 def _left(value: Callable[[float], float], side: int, roundoff: float, low: float, high: float) -> float:
-    """A time in (low, high) at which ``value`` has left its zero at ``low`` to its ``side``; ``low`` where it never has."""
+    """A time in (low, high) at which ``value`` has left its zero at ``low`` towards ``side``; ``low`` if it never has."""
     width = high - low
     while abs(width) > CLOSE * float(np.spacing(abs(high))):
         width /= 2
@@ -100,9 +100,9 @@ def _left(value: Callable[[float], float], side: int, roundoff: float, low: floa
 
 
 def together(events: Sequence[Event], times: Vector, values: Vector, found: Sequence[Crossing]) -> list[Crossing]:
-    """Changes whose zero follows the step's end within the resolution of its times: they happen there too.
+    """Changes whose zero follows the step's end within the resolution of time: they are taken as happening there too.
 
-    ``found``: what happens at that end already.  A step to such a zero would be as short as roundoff.
+    ``found``: events at that end already.  A step to such a zero would be as short as roundoff.
     """
     result, known = [], {crossing.index for crossing in found}
     for index, part in enumerate(_parts(events)):
@@ -117,21 +117,21 @@ def together(events: Sequence[Event], times: Vector, values: Vector, found: Sequ
 
 
 def zero(value: Callable[[float], float], low: float, high: float) -> float:
-    """A time between ``low`` and ``high`` at which ``value`` changes its sign, to the last bits."""
+    """A time between ``low`` and ``high`` at which ``value`` changes sign, to the last bits (Brent's method)."""
     return float(
         brentq(value, low, high, xtol=max(float(np.spacing(abs(high))), TINY), rtol=4 * EPS, maxiter=200, disp=False)
     )
 
 
 def along(before: State, attempt: Attempt) -> HermiteOutput:
-    """Dense output of one step."""
+    """Dense output of one attempted step."""
     numbers, end, n = attempt[0], attempt[2], before.q.size
     q1, v1 = end[:n], end[n : 2 * n]
     return HermiteOutput(np.array([before.t, numbers[T_END]]), np.stack([before.q, q1]), np.stack([before.v, v1]))
 
 
 class NotMade(Exception):
-    """A trial step failed; ``ended`` as the loops say."""
+    """Raised where a trial step failed; ``ended``: the loops' ending code."""
 
     def __init__(self, ended: int) -> None:
         self.ended = ended
@@ -139,7 +139,7 @@ class NotMade(Exception):
 
 
 class StepTo:
-    """The step from ``before`` at whose own end ``event`` has just reached or crossed zero; each trial is an attempt."""
+    """The step from ``before`` at whose end ``event`` has just reached or crossed zero, found by trial steps."""
 
     def __init__(self, engine: Engine, event: Event, crossing: Crossing, before: State, whole: Attempt) -> None:
         self.engine, self.event, self.crossing, self.whole = engine, event, crossing, whole
@@ -150,7 +150,7 @@ class StepTo:
         self.made: dict[float, tuple[Attempt, float]] = {}
 
     def attempt(self) -> Attempt | None:
-        """That step; None where the ends of steps show no such change of sign: the interpolant alone had it.
+        """That step; None where no end of a step has crossed zero, so that only the interpolant had the crossing.
 
         Raises
         ------
@@ -182,11 +182,11 @@ class StepTo:
         return self.made[t][1]
 
     def crossed(self, t: float) -> bool:
-        """Whether the function is zero or beyond at the end of the step that ends at ``t``."""
+        """True if the function is zero or beyond at the end of the step that ends at ``t``."""
         return self.value(t) * self.crossing.side <= 0
 
     def _bracket(self) -> tuple[float, float] | None:
-        """Ends of two steps, before the event and at or after it."""
+        """End times of two steps, one before the event and one at or after it; None if there is no such pair."""
         t = between(self.crossing.t, self.first, self.end)
         toward = -1.0 if self.crossed(t) else 1.0
         width = self._width(t)
@@ -201,7 +201,7 @@ class StepTo:
             t, width = other, WIDER * width
 
     def _width(self, t: float) -> float:
-        """[s] from ``t`` past the event, by the slope of the function along the step's dense output."""
+        """Distance [s] from ``t`` past the event, estimated by the function's slope along the dense output."""
         low, high = self.crossing.bracket
         h = NUDGE * abs(high - low)
         output = along(self.before, self.whole)
@@ -213,5 +213,5 @@ class StepTo:
 
 
 def between(t: float, one: float, other: float) -> float:
-    """``t``, or the nearer of two limits where it is not between them."""
+    """``t`` clipped to the interval between two limits in any order."""
     return min(max(t, min(one, other)), max(one, other))

@@ -1,4 +1,4 @@
-"""Event functions along one step's dense output: sampled, and whether a sign changes."""
+"""Sampling of event functions along one step's dense output, and detection of sign changes."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from solvers.kernel import memory as mem
 from solvers.kernel.compiled import compiled
 from solvers.kernel.sections import address, indices, invoke, part
 
-EXTRA = 2  # samples of a step beside those inside: its start and its end
+EXTRA = 2  # samples in addition to those inside a step: its start and its end
 
 
 @compiled
 def scan(z: Any, counts: Any) -> Any:
-    """CONVERGED where no event function changes its sign in the attempt in the direction asked for, else what happens."""
+    """CONVERGED if no event function changes sign in its direction in the attempt, else EVENT_FOUND or EVENT_NONFINITE."""
     directions, times, values = indices(z, mem.DIRECTIONS), part(z, mem.SAMPLE_TIMES), part(z, mem.SAMPLE_VALUES)
     first, found = 0, False
     for e in range(directions.size):
@@ -30,9 +30,9 @@ def scan(z: Any, counts: Any) -> Any:
 
 @compiled
 def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
-    """The values of event ``e`` along the step into the samples from ``first`` on; False where one is not finite.
+    """Sample event ``e`` along the step, from index ``first`` on; False if a value is not finite.
 
-    A motion that begins beside a zero stays there as long as the values are roundoff.
+    After a start at a zero, values count as zero while they are roundoff.
     """
     times, values, known = part(z, mem.SAMPLE_TIMES), part(z, mem.SAMPLE_VALUES), part(z, mem.EVENT_VALUES)
     t0, t1 = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)[mem.T_END]
@@ -54,7 +54,7 @@ def sample(z: Any, e: Any, first: Any, count: Any, counts: Any) -> Any:
 
 @compiled
 def value_at(z: Any, e: Any, t: Any) -> Any:
-    """The value of event ``e`` at t in the attempt."""
+    """Value of event ``e`` at time t within the attempt."""
     n, place, end, q, v = z.i[mem.N], part(z, mem.PLACE), part(z, mem.END), part(z, mem.Q), part(z, mem.V)
     t0, t1 = part(z, mem.NUMBER)[mem.T], part(z, mem.ATTEMPT)[mem.T_END]
     h = t1 - t0
@@ -71,7 +71,7 @@ def value_at(z: Any, e: Any, t: Any) -> Any:
 
 @compiled
 def keep_values(z: Any) -> None:
-    """The values at the end of the attempt are those at the start of the next."""
+    """Store the event values at the attempt's end as those at the start of the next step."""
     first, values, known = 0, part(z, mem.SAMPLE_VALUES), part(z, mem.EVENT_VALUES)
     events = indices(z, mem.DIRECTIONS).size
     for e in range(events):

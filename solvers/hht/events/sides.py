@@ -1,4 +1,4 @@
-"""On which side of its zero an event function is where a motion begins, or begins anew after a change."""
+"""The side of zero on which an event function is at a start, or after a change of state."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from solvers.hht.events.event import Event, value_of
 from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS
 
-BESIDE = 1e-300  # the value of a function at its zero, with the sign of the side on which the motion is
-ZERO = 1e-12  # of what a function changes by in the first step: what a start on its zero may be off
-NUDGE = EPS ** (1 / 3)  # of a step: over it a rate is least wrong by roundoff and by its third derivative together
-SHORTEST_SCALE = 1e-4  # of the time in which the motion passes its own size: rates are not taken over less than a step of it
-ROUNDOFFS = 32.0  # roundoffs of t, q and v: a located event is not further from its zero
-SHIFT = 2.0**-26  # of the sizes of q and v: a change that shows what their roundoff does to a function
+BESIDE = 1e-300  # value stored for a function at its zero, with the sign of the motion's side
+ZERO = 1e-12  # of the change in the first step: smaller values at a start count as zero
+NUDGE = EPS ** (1 / 3)  # of a step: increment that balances roundoff and truncation of a second-order difference
+MIN_SCALE = 1e-4  # of the time size_q / size_v: lower bound on the step over which rates are taken
+ROUNDOFFS = 32.0  # roundoffs of t, q and v within which a located event is from its zero
+SHIFT = 2.0**-26  # perturbation relative to q and v that shows the effect of their roundoff on a function
 
 
 @dataclass(frozen=True)
 class Local:
-    """An event function where a motion begins, and along the motion from there."""
+    """An event function at one state, and its change along the motion from there."""
 
     value: float
     rate: float  #: [1/s]
-    change: float  #: over a step
+    change: float  #: estimate over a step of h
     roundoff: float  #: of the value
-    near: float  #: what the value may be where an event has been located at its zero
-    unsure: float  #: [1/s] of the rate
+    near: float  #: largest value after an event was located at the function's zero
+    unsure: float  #: error of the rate [1/s]
 
     @property
     def side(self) -> float:
-        """The sign of the side to which the motion leaves; 0 where no rate is seen."""
+        """Sign of the side to which the motion leaves; 0 if the rate is below its error."""
         return float(np.sign(self.rate)) if abs(self.rate) > self.unsure else 0.0
 
 
 def starting_values(events: Sequence[Event], state: State, h: float, work: Work) -> Vector:
-    """(2k,): the values at a start of which the first step is ``h`` [s] long, then the roundoff of those beside zero.
+    """(2k,) values at a start before a first step of ``h`` [s], then roundoff of those at a zero.
 
-    A motion that begins on a zero has no event there but one: a change with a direction, in which the motion sets out.
+    A motion that begins on a zero has an event there only if that has a change and a direction in which the motion sets out.
     """
     return _paired([_at_start(event, state, h, work) for event in events])
 
@@ -57,9 +57,9 @@ def _at_start(event: Event, state: State, h: float, work: Work) -> tuple[float, 
 def changed_values(
     events: Sequence[Event], sides: Sequence[int], values: Vector, state: State, h: float, work: Work
 ) -> Vector:
-    """Those in ``state``, which changes have made at the end of a step that led to ``values`` (2k,).
+    """(2k,) values in ``state`` after changes at the end of a step that had led to ``values`` (2k,).
 
-    ``sides``: where :func:`side_after` says the motion is, of functions whose events have changed the state; 0 of others.
+    ``sides``: result of :func:`side_after` for events that changed the state, 0 for others.
     """
     known = zip(events, sides, *np.split(values, 2), strict=True)
     return _paired([_after(event, side, before, off, state, h, work) for event, side, before, off in known])
@@ -76,22 +76,22 @@ def _after(
 
 
 def side_after(event: Event, before: int, state: State, h: float, work: Work) -> int:
-    """On which side of the zero the motion is in ``state``, which the event's own change has made; ``before`` it was.
+    """Side of zero (-1 or 1) of the motion after the event's own change; ``before``: the side before it.
 
-    A change that turns or stops the function leaves the motion on the side from which it came; any other lets it pass.
+    A change that reverses or stops the function leaves the motion on its side; any other lets it pass.
     """
     return -before if is_leaving(event, -before, state, h, work) else before
 
 
 def is_leaving(event: Event, side: int, state: State, h: float, work: Work) -> bool:
-    """Whether the motion sets out from ``state`` to that ``side`` of the zero."""
+    """True if the motion leaves ``state`` towards that ``side`` of the zero."""
     return _local(event, state, h, work).side == side
 
 
 def _local(event: Event, state: State, h: float, work: Work) -> Local:
     t, q, v, a = state.t, state.q, state.v, state.vdot
     passing = state.size_q / state.size_v if state.size_v else 0.0
-    d = NUDGE * float(np.copysign(max(abs(h), SHORTEST_SCALE * passing), h))
+    d = NUDGE * float(np.copysign(max(abs(h), MIN_SCALE * passing), h))
     value = value_of(event, t, q, v, work)
     one, two = (value_of(event, t + s, q + s * v + s * s / 2 * a, v + s * a, work) for s in (d, 2 * d))
     rate, bend = (4 * one - 3 * value - two) / (2 * abs(d)), (value - 2 * one + two) / d**2

@@ -1,1 +1,1 @@
-"""From a start to a solution: the engine, the loop over steps, rows and checkpoints."""
+"""A run from its start to its solution: engine, loop over steps, rows and checkpoints."""

@@ -1,4 +1,4 @@
-"""Multipliers of rows between the ends of steps: a blend of those at the ends nearby, (H60)."""
+"""Multipliers of rows between steps: interpolation of those at the ends of nearby steps, (H60)."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ import numpy as np
 
 from hhtbench.protocol.arguments import Matrix, Vector
 
-AROUND = np.arange(-1, 3)  # the ends of a row's step, and one before and behind
+AROUND = np.arange(-1, 3)  # offsets of the ends of a row's step, and of one end before and one after
 OUTER = [0, 3]
-MAX_STEP_RATIO = 3.0  # a step next to a row's may be so much shorter: the magnitudes of weights add up to 2.2 at most
+MAX_STEP_RATIO = 3.0  # to a shorter neighbouring step that is used: magnitudes of weights then sum to 2.2 at most
 
 
 class StepEnds(NamedTuple):
-    """The ends of steps in the order of the motion; two with one time where an event has changed the state."""
+    """Ends of steps in the order of the motion; two with one time where an event has changed the state."""
 
     t: Vector  #: (s,) [s]
     states: Matrix  #: (s, 2n) q and v
 
     def around(self, times: Vector) -> Any:
-        """(k, 4) which lie around each of ``times`` (k,); at the first and the last step one of them stands twice."""
+        """(k, 4) indices of the ends around each of ``times`` (k,); one is repeated at the first and last step."""
         direction = -1.0 if self.t[-1] < self.t[0] else 1.0
         before = np.searchsorted(direction * self.t, direction * times, "right") - 1
         return np.clip(before[:, None] + AROUND, 0, self.t.size - 1)
 
 
 def weights_at(times: Vector, nodes: Matrix) -> Matrix:
-    """(k, 4) weights at ``times`` (k,) of Lagrange's polynomials through those ``nodes`` (k, 4) [s] that serve.
+    """(k, 4) Lagrange weights at ``times`` (k,) for the usable ones of the ``nodes`` (k, 4) [s].
 
-    An outer node does not serve where its step is much shorter than the row's.  The step has no length where the node stands
-    twice or a change of state lies between.
+    An outer node is not usable if its step is much shorter than the row's, or of length zero: the node is repeated, or a
+    change of state lies between.
     """
     lengths, serve = np.abs(np.diff(nodes, axis=1)), np.ones(nodes.shape, dtype=bool)
     serve[:, OUTER] = MAX_STEP_RATIO * lengths[:, [0, 2]] >= lengths[:, [1]]
@@ -41,9 +41,9 @@ def weights_at(times: Vector, nodes: Matrix) -> Matrix:
 
 
 def blend(rows: Matrix, steps: StepEnds, recover: Callable[[Matrix, Any], Any]) -> Any:
-    """Put blended multipliers into ``rows`` (k, ...) [t, q, v, lam, mu] between the ends of ``steps``.
+    """Put interpolated multipliers into ``rows`` (k, ...) [t, q, v, lam, mu] between the ends of ``steps``.
 
-    ``recover(places, found)`` finds those of (H16) for such rows.  Returns (k,) where all of a row's were found.
+    ``recover(places, found)`` solves (H16) for such rows.  Returns a mask (k,) of rows for which all were found.
     """
     behind = 1 + steps.states.shape[1]  # where the multipliers begin
     ends = steps.around(rows[:, 0])

@@ -1,4 +1,4 @@
-"""Whether a step has ended where constraints lead its start, or at another solution of theirs, (H58)."""
+"""Detection of a branch switch: a step that ended at another solution of the constraints, (H58)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from hhtbench.solution.counting import Work, uncounted
 from solvers._projection import Projection
 
-FREE = 0.1  # of a displacement: what constraints leave free of more may be a motion that steps do not resolve
-ALONG, TOWARDS = 6, 8  # places that constraints lead to with v from the start of a step, and from there towards its end
-PART = 0.25  # of the way left, from one of the latter to the next
-THERE = 0.5  # of the displacement, at most, that may be left of the way
+FREE = 0.1  # largest share of a displacement tangent to the constraints: more may be unresolved motion
+ALONG, TOWARDS = 6, 8  # projections along v from the start of a step, and from there towards its end
+PART = 0.25  # share of the remaining distance in each of the latter
+THERE = 0.5  # largest remaining distance relative to the displacement for which the end counts as reached
 
 
 class Stepped(Protocol):
-    """What the loops ask of the engine that owns them."""
+    """The attributes of an engine that its loops use."""
 
     dynamics: Dynamics
     structure: Structure
@@ -37,7 +37,7 @@ class Stepped(Protocol):
 def branch_switch(engine: Stepped, state: Vector, x: Vector, q1: Vector, step: Vector) -> Vector:
     """Displacements (n,) of a step that lead to another branch of the constraints; zero for all others.
 
-    All are zero where constraints leave most of the displacement free, or have lost rank.
+    All are zero where most of the displacement is tangent to the constraints, or these have lost rank.
 
     Parameters
     ----------
@@ -64,9 +64,9 @@ def branch_switch(engine: Stepped, state: Vector, x: Vector, q1: Vector, step: V
 
 
 def _missing(engine: Stepped, t: float, q: Vector, v: Vector, t1: float, q1: Vector) -> Vector:
-    """What is left of the way to q1 (n,) where constraints lead q with v from t to t1, and then towards q1, bit by bit.
+    """Distance left to q1 (n,) after following the constraints with v from t to t1, then towards q1, in small pieces.
 
-    Of that what they hold at its end: along what they leave free the way is not the motion's.
+    Only the part normal to the constraints: along them the path need not be that of the motion.
     """
     projection, place = Projection(engine.dynamics), q.copy()
     ignoring = np.errstate(all="ignore")

@@ -1,4 +1,4 @@
-"""Causes of failed runs, looked for after the failure or on request, and warnings about prescribed steps that arrived."""
+"""Causes of failed runs, searched after a failure or on request, and warnings about unresolved prescribed steps."""
 
 from __future__ import annotations
 
@@ -28,31 +28,31 @@ from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS, TINY
 
 FAILED = Status.newton_failed, Status.step_too_small, Status.max_steps
-SPENT = Status.evaluation_budget, Status.deadline  # budgets of the caller: causes are looked for on request only
-MAX_COORDINATES = 300  # of full matrices that a cause is looked for with: a decomposition takes 10 ms
-CALLS = 5  # of every function
-ROUNDOFFS = 9  # by which arguments of such calls differ at most
-WIDER = 1024.0  # times: values of a smooth function differ so much more where their arguments do
-SMOOTH = 0.01  # of the differences at wider arguments: a smooth function's differences at near arguments are below it
-FELT = 1e-3  # of the tolerance: noise below it is not felt by error control
-ITERATIONS = 30  # of the power iteration: the frequency is then right to some per cent, from below
-DIFFERENCE = EPS ** (1 / 3)  # of the size of q: balances truncation and roundoff of a central difference
-BY_REACTIONS = 0.5  # of omega^2: above this share constraint forces carry the vibration
-RESOLVED = 0.02  # h omega from which steps may be those that a vibration asks for
-FAST = 10.0  # times the rate of the motion: a slower vibration is the motion itself
+SPENT = Status.evaluation_budget, Status.deadline  # budgets of the caller: a cause is searched on request only
+MAX_COORDINATES = 300  # for full matrices in the search for a cause: a decomposition takes 10 ms
+CALLS = 5  # calls of every function with equal arguments
+ROUNDOFFS = 9  # largest difference of nearly equal arguments, in roundoffs
+WIDER = 1024.0  # factor on these differences of arguments for comparison
+SMOOTH = 0.01  # a smooth function's values differ less than this, relative to the differences with WIDER
+FELT = 1e-3  # noise relative to the tolerance below which error control is unaffected
+ITERATIONS = 30  # of the power iteration: the frequency is then accurate to some per cent, from below
+DIFFERENCE = EPS ** (1 / 3)  # increment relative to q: balances truncation and roundoff of a central difference
+BY_REACTIONS = 0.5  # share of constraint forces in omega^2 above which they carry the vibration
+RESOLVED = 0.02  # h omega from which a vibration may determine the steps
+FAST = 10.0  # ratio to the rate of the motion below which a vibration is the motion itself
 STABLE = 2.0  # h omega up to which steps with b = 0 are stable, (H33)
-FOLLOWS = 0.1  # of what forces change v by: where v turns by less, damping or constraints answer to them
-UNRESOLVED = 0.5  # of the largest speed: a larger change of it by forces in one step is not resolved
-ALTERNATIONS = 5  # changes of sign, one after the other, of a growing vibration
-VISIBLE = 1e-8  # of q: a speed that moves it by less in a step is not reported
-GROWTH = 1e5  # of an alternating vibration in prescribed steps, from where it began
-STEADY = 1e-2  # of the middle size of a vibration that grows by equal factors, squared
+FOLLOWS = 0.1  # change of v relative to that by forces alone below which damping or constraints balance them
+UNRESOLVED = 0.5  # change of v in one step, relative to max|v|, from which forces are not resolved
+ALTERNATIONS = 5  # consecutive changes of sign that make a vibration
+VISIBLE = 1e-8  # displacement per step, relative to q, below which a speed is not reported
+GROWTH = 1e5  # of an alternating vibration from which prescribed steps are unstable
+STEADY = 1e-2  # bound on median^2 over first * last size, 1 for a vibration growing by equal factors
 
 
 def explained(engine: Engine, failure: Failure, state: State, h: float, finest: float) -> Failure:
-    """The ``failure`` of a step of ``h`` [s] from ``state``, with its cause where one of those known here is found.
+    """The ``failure`` of a step of ``h`` [s] from ``state``, with a sentence on its cause if one is found.
 
-    ``finest``: the least relative tolerance.
+    ``finest``: the smallest relative tolerance.
     """
     if failure.status not in FAILED:
         return failure
@@ -61,9 +61,9 @@ def explained(engine: Engine, failure: Failure, state: State, h: float, finest: 
 
 
 def cause_at(engine: Engine, status: Status, place: State | Place, h: float, *, finest: float, rate: float) -> str:
-    """The cause of a failed step of ``h`` [s] from ``place``; empty string where none is found.
+    """Sentence on the cause of a failed step of ``h`` [s] from ``place``; empty if none is found.
 
-    ``finest``: the least relative tolerance, 0 with prescribed steps; ``rate`` [1/s]: the speed of the motion over its size.
+    ``finest``: smallest relative tolerance, 0 with prescribed steps; ``rate``: speed of the motion over its size [1/s].
     """
     if status not in (*FAILED, *SPENT):
         return ""
@@ -73,7 +73,7 @@ def cause_at(engine: Engine, status: Status, place: State | Place, h: float, *, 
 
 
 def diagnosed(system: Any, options: Any, status: Status, place: Place, h: float, *, finest: float, rate: float) -> str:
-    """The cause of the end of a run of HHT with ``status`` at ``place``, for :meth:`~hhtbench.Solution.diagnose`."""
+    """Cause of the end with ``status`` of an HHT run at ``place``, for :meth:`~hhtbench.Solution.diagnose`."""
     engine = make_engine(system, options, place, Work(), controlled=finest > 0.0)
     return cause_at(engine, status, place, h, finest=finest, rate=rate)
 
@@ -81,7 +81,7 @@ def diagnosed(system: Any, options: Any, status: Status, place: Place, h: float,
 def noise(engine: Engine, state: State | Place, finest: float) -> str:
     """Names the functions of a NumPy system whose values differ between calls with equal, or nearly equal, arguments.
 
-    Differences far below the tolerance ``finest`` are no cause.
+    Differences far below the tolerance ``finest`` are ignored.
     """
     if route_of(engine.dynamics) != "numpy" or engine.structure.n > MAX_COORDINATES:
         return ""
@@ -98,7 +98,7 @@ def noise(engine: Engine, state: State | Place, finest: float) -> str:
 
 
 def _spread(engine: Engine, state: State | Place, size: float) -> dict[str, float]:
-    """By what part of their size values of declared functions differ, at arguments ``size`` times some roundoffs apart."""
+    """Relative differences of the values of declared functions between calls, at arguments ``size`` times roundoff apart."""
     dynamics, calls = engine.dynamics, []
     for number in range(CALLS):
         draw = np.random.default_rng(number)
@@ -113,7 +113,7 @@ def _spread(engine: Engine, state: State | Place, size: float) -> dict[str, floa
 
 
 def _scales(dynamics: Any, state: State | Place) -> dict[str, float]:
-    """The size of the terms that the constraints sum up: their values vanish on the way."""
+    """Sizes of the terms that constraints sum up, since the values themselves vanish."""
     s, found, (t, q, v) = dynamics.structure, {}, as_arguments(dynamics, state.t, state.q, state.v)
     if s.m:
         rows = np.abs(dynamics.constraint_jacobian(t, q))
@@ -125,7 +125,7 @@ def _scales(dynamics: Any, state: State | Place) -> dict[str, float]:
 
 
 def _values(dynamics: Any, arguments: list[Any]) -> dict[str, Any]:
-    """The declared functions of (t, q, v) there."""
+    """The declared functions of (t, q, v), evaluated there."""
     t, q, v = arguments
     values = {"force": lambda: dynamics.force(t, q, v), "mass_matrix": lambda: dynamics.mass(t, q)}
     if dynamics.structure.m:
@@ -136,9 +136,9 @@ def _values(dynamics: Any, arguments: list[Any]) -> dict[str, Any]:
 
 
 def vibration(engine: Engine, state: State | Place, h: float, status: Status, rate: float) -> str:
-    """Names the fastest vibration about ``state`` where steps of ``h`` [s] follow it or are unstable for it, (H33).
+    """Names the fastest vibration about ``state`` if steps of ``h`` [s] follow it or are unstable for it, (H33).
 
-    One that steps follow is much faster than the motion, whose ``rate`` [1/s] is its speed over its size.
+    ``rate``: speed of the motion over its size [1/s]; a vibration limits the steps only if it is much faster.
     """
     if engine.structure.n > MAX_COORDINATES or status is Status.step_too_small:
         return ""
@@ -156,7 +156,7 @@ def vibration(engine: Engine, state: State | Place, h: float, status: Status, ra
 
 
 def remedies(engine: Engine) -> list[str]:
-    """Options that let steps pass over a vibration that constraint forces carry."""
+    """Options that allow steps longer than a vibration carried by constraint forces."""
     method, found = engine.method, []
     if engine.structure.m and method.coefficients.b == 0.0 and not method.extrapolated:
         if method.coefficients.alpha < 0.0 and not not_extrapolated(engine.dynamics.system):
@@ -166,9 +166,9 @@ def remedies(engine: Engine) -> list[str]:
 
 
 def fastest(engine: Engine, at: State | Place) -> tuple[float, float]:
-    """omega [1/s] of the fastest small vibration about a place, and the share of reactions in omega^2.
+    """omega [1/s] of the fastest small vibration about a state, and the share of reactions in omega^2.
 
-    omega^2 is the largest eigenvalue of M^-1 d(C^T lam - F)/dq between changes of q that the rows C = [g_q; k_v] allow,
+    omega^2 is the largest eigenvalue of M^-1 d(C^T lam - F)/dq for changes of q tangent to the rows C = [g_q; k_v],
     by power iteration on central differences.
     """
     dynamics, n, (t, q, v) = engine.dynamics, engine.structure.n, (at.t, at.q, at.v)
@@ -220,11 +220,11 @@ def fastest(engine: Engine, at: State | Place) -> tuple[float, float]:
 
 
 def unresolved_forces(t: Vector, h: Vector, q: Matrix, v: Matrix, a: Matrix) -> str:
-    """Warning text if forces change v by about its size within one of prescribed steps; empty string otherwise.
+    """Warning if forces change v by about its size within one prescribed step; empty string otherwise.
 
-    Of ``t, h`` (k,), ``q, v, a`` (n, k).  Both the accelerations ``a`` of forces and the slope of ``v`` must change so: what
-    constraints hold moves nothing.  Speeds that move ``q`` by less than ``VISIBLE`` of its size in the longest step count as
-    rest.
+    Takes ``t, h`` (k,), ``q, v, a`` (n, k).  Both the accelerations ``a`` of forces and the slope of ``v`` must change so,
+    as forces balanced by constraints move nothing.  Speeds that move ``q`` by less than ``VISIBLE`` of its size in the
+    longest step count as rest.
     """
     if t.size < 4:
         return ""
@@ -247,9 +247,9 @@ def unresolved_forces(t: Vector, h: Vector, q: Matrix, v: Matrix, a: Matrix) -> 
 
 
 def alternating_vibration(h: Vector, q: Matrix, v: Matrix) -> tuple[str, bool]:
-    """Message if v alternates with prescribed steps, empty string otherwise; and whether that has grown by ``GROWTH``.
+    """Message if v alternates with prescribed steps, else empty; and whether that has grown by ``GROWTH``.
 
-    Of ``h`` (k,), ``q, v`` (n, k).
+    Takes ``h`` (k,), ``q, v`` (n, k).
     """
     if h.size < 3 * ALTERNATIONS:
         return "", False
@@ -280,6 +280,6 @@ def alternating_vibration(h: Vector, q: Matrix, v: Matrix) -> tuple[str, bool]:
 
 
 def _alternations(x: Vector, lag: int) -> int:
-    """How many of the last entries of ``x`` (k,), without a gap, have another sign than the entry ``lag`` before."""
+    """Number of last entries of ``x`` (k,) in a row whose sign differs from the entry ``lag`` before."""
     same = np.flatnonzero(x[lag:] * x[:-lag] >= 0.0)
     return max(x.size - lag, 0) - (int(same[-1]) + 1 if same.size else 0)

@@ -1,7 +1,7 @@
-"""Checkpoints of stepping by hand: JSON, the bytes of arrays in it.  Reading one runs no code and believes nothing.
+"""Checkpoints of stepping by hand: JSON with arrays as base64.  Reading one runs no code and checks everything.
 
-A line with the checksum comes first.  A record is an object with its type's name, of ``TYPES`` and of no others; fields,
-kinds and shapes are checked before anything is computed with them.
+A line with the checksum comes first.  A record is an object with its type's name, one of ``TYPES``; fields,
+types and shapes are checked before use.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from solvers.kernel.memory import GIVEN, HEAD
 MAGIC, VERSION = b"hhtbench HHT checkpoint", 9
 RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
-NUMBERS = np.dtype("<f8")  # of arrays
+NUMBERS = np.dtype("<f8")  # numbers of arrays
 COUNTERS = {f.name for f in fields(Counters)} - {"provenance"}
-BEFORE = len(GIVEN) + len(HEAD)  # numbers of the step and of the state, which stand before its q and v
-SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of what is beyond, and of their ratios, leave the numbers
+BEFORE = len(GIVEN) + len(HEAD)  # numbers of the step and of the state that precede its q and v
+SHORTEST, LONGEST = 1e-150, 1e150  # [s] of a step: squares of others, or of their ratios, overflow or underflow
 
 
 def setup_of(system: System | NumpySystem, options: HHTOptions, events: tuple[Event, ...]) -> dict[str, Any]:
-    """What a checkpoint and the solver that resumes it must share, as texts."""
+    """Properties, as texts, that a checkpoint and the solver that resumes it must share."""
     o = options
     chosen = {"method": str(o.method()), "control": str(o.control), "linsolver": o.linsolver, "engine": o.engine}
     chosen["without"] = ", ".join(o.without)
@@ -53,7 +53,7 @@ def setup_of(system: System | NumpySystem, options: HHTOptions, events: tuple[Ev
 
 
 def named(system: System | NumpySystem) -> tuple[dict[str, str], str]:
-    """Fingerprints of the system's fields; none where it has none, and then why."""
+    """Fingerprints of the system's fields by name; if it has none, an empty dict and the reason."""
     try:
         return fingerprints(system), ""
     except NoFingerprint as error:
@@ -61,15 +61,15 @@ def named(system: System | NumpySystem) -> tuple[dict[str, str], str]:
 
 
 def pack(integrator: IntegratorState, setup: dict[str, Any]) -> bytes:
-    """A checkpoint of ``integrator``, made by a solver with ``setup``: texts by name."""
+    """Serialise ``integrator`` of a solver with ``setup`` (texts by name) as a checkpoint."""
     body = json.dumps({"setup": setup, "integrator": _encoded(integrator)}).encode()
     return b"%s %d %s\n" % (MAGIC, VERSION, hashlib.sha256(body).hexdigest().encode()) + body
 
 
 def unpack(data: Any, setup: dict[str, Any]) -> IntegratorState:
-    """The :class:`IntegratorState` of a checkpoint that was made with the same ``setup``.
+    """Read the :class:`IntegratorState` from a checkpoint that was made with the same ``setup``.
 
-    :func:`check` tells whether it fits the system.
+    :func:`check` then compares it with the system.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _body(data: Any) -> bytes:
 
 
 def _encoded(value: Any) -> Any:
-    """``value`` for JSON."""
+    """Convert ``value`` to what JSON can hold."""
     if is_dataclass(value):
         return {"type": type(value).__name__, **{f.name: _encoded(getattr(value, f.name)) for f in fields(value)}}
     if isinstance(value, np.ndarray):
@@ -133,12 +133,12 @@ def _array(shape: Any, content: Any) -> np.ndarray:
 
 
 def _decoded(value: Any) -> Any:
-    """The inverse of :func:`_encoded`; fields and their kinds are those of the types.
+    """Inverse of :func:`_encoded`; fields and their types are checked.
 
     Raises
     ------
     ValueError, KeyError, TypeError
-        They are not.
+        A field is missing, unknown or of a wrong type, or a number is not finite.
     """
     if isinstance(value, list):
         return tuple(map(_decoded, value))
@@ -172,7 +172,7 @@ def _tally(parts: dict[str, Any]) -> Counter[str]:
 
 
 def _is(value: Any, allowed: Any) -> bool:
-    """Whether ``value`` is of a kind that an annotation allows."""
+    """True if ``value`` matches the annotation ``allowed``."""
     origin, inner = get_origin(allowed), get_args(allowed)
     if origin is UnionType:
         return any(_is(value, kind) for kind in inner)
@@ -182,7 +182,7 @@ def _is(value: Any, allowed: Any) -> bool:
 
 
 def check(integrator: IntegratorState, engine: Engine, events: int) -> None:
-    """Raise ProblemError unless ``integrator`` is a legal state of steps by ``engine`` with as many events."""
+    """Raise ProblemError unless ``integrator`` is a valid state for ``engine`` and that number of ``events``."""
     n, given, s, rows = engine.structure.n, engine.functions.given[0], integrator, integrator.last.t.size
     shapes: list[tuple[Any, dict[str, Any]]] = [
         (s.place, {"q": (n,), "v": (n,)}),
@@ -199,7 +199,7 @@ def check(integrator: IntegratorState, engine: Engine, events: int) -> None:
 
 
 def _contradictions(s: IntegratorState, given: int, events: int) -> list[str]:
-    """Sentences on what contradicts something else."""
+    """Texts on fields that contradict each other."""
     state, memory, t = s.state, s.state.memory, s.last.t
     named = {
         "either a step or tolerances are needed": (s.step is None) == (s.tolerances is None),
@@ -220,7 +220,7 @@ def _contradictions(s: IntegratorState, given: int, events: int) -> list[str]:
 
 
 def _is_factorised(made: Factorised, state: State, given: int) -> bool:
-    """Whether it can have been made in a step that ended at ``state``: changes of q and v are measured by it."""
+    """True if a factorisation can have been made in a step that ended at ``state``, by its sizes and length."""
     n, size = state.q.size, made.at.size - given
     h, (q, v) = float(made.at[size]), np.split(made.at[size + BEFORE : size + BEFORE + 2 * n], 2)
     seen = float(np.abs(q).max()) <= state.size_q and float(np.abs(v).max()) <= state.size_v
@@ -228,5 +228,5 @@ def _is_factorised(made: Factorised, state: State, given: int) -> bool:
 
 
 def _is_length(h: float, t: float) -> bool:
-    """Whether a step of ``h`` [s] can have ended at ``t``."""
+    """True if a step of ``h`` [s] can have ended at ``t``."""
     return max(float(np.spacing(abs(t))) / 2, SHORTEST) <= abs(h) <= LONGEST

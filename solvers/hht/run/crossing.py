@@ -1,7 +1,7 @@
-"""The step across a singular position, (H49): along the smooth motion before it, onto both levels of the far side.
+"""Step across a singular position, (H49): along the smooth motion before it, onto both constraint levels behind it.
 
-At such a position several motions meet, each with a tangent of its own.  That of the run is known from its rows, as is v',
-which is smooth along it although multipliers may have poles.
+At a singular position several motions meet, each with its own tangent.  That of the run is known from its rows, as is
+v', which is smooth along it although multipliers may have poles.
 """
 
 from __future__ import annotations
@@ -25,42 +25,42 @@ from solvers.hht.run.start import first_state
 from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS
 
-WIDTHS = (1.0, 2.0, 4.0, 8.0, 0.5, 0.25)  # times the longest step: near the position v' is roundoff, far away it turns
-SWEEPS = 4  # of the corrector: each leaves about the square of the step, over that of the motion's own time
-CLOSE = 0.1  # of the least singular value: what a projection may change the rows, or other motions are as near
-SMOOTH = 0.2  # of the largest v': what v' on the far side may differ from that extrapolated
-MOST_ERROR = 0.05  # of the tolerance of a whole run, whose steps are allowed its power 3/2 each: there are few such steps
-LEAST_BEYOND = 0.25  # of the way to the position, beyond it, at least: closer to it nothing is known well
+WIDTHS = (1.0, 2.0, 4.0, 8.0, 0.5, 0.25)  # distances tried, over the longest step: v' is roundoff near the position
+SWEEPS = 4  # corrector iterations
+CLOSE = 0.1  # largest change of the rows by a projection over their least singular value, or the branch is uncertain
+SMOOTH = 0.2  # largest difference of v' behind from the extrapolated one, relative to the largest v'
+MAX_ERROR = 0.05  # relative to the tolerance of the whole run, as such steps are few
+MIN_BEYOND = 0.25  # distance behind the position at least, relative to that before it
 TOO_FEW = "too few steps lead there"
-MOST_CHANGE = 0.5  # of v: what v' may change of it on the way across, or the motion has no direction
+MAX_CHANGE = 0.5  # relative change of v by v' on the way across, or the motion has no direction
 
 
 @dataclass(frozen=True)
 class Crossing:
-    """A step across."""
+    """Result: a step across a singular position."""
 
-    steps: int  #: how many of the last steps it takes the place of
-    h: float  #: signed [s]
-    state: State  #: on the far side
+    steps: int  #: number of last steps that it replaces
+    h: float  #: signed length [s]
+    state: State  #: behind the position
 
 
 class Refused(Exception):
-    """Why there is no step across, as a sentence."""
+    """Raised with the reason, a sentence, why no step across is made."""
 
 
 @dataclass(frozen=True)
 class Approach:
-    """A run that has ended at a singular position."""
+    """A run that ended at a singular position."""
 
     engine: Engine
     tolerances: Tolerances
     position: SingularPosition
     places: list[Place]  #: the last rows of the run
-    state: State  #: its last
-    stop: float  #: [s]
+    state: State  #: its last state
+    stop: float  #: end of the interval [s]
 
     def crossing(self) -> Crossing | str:
-        """The step across from one of the rows, or why there is none."""
+        """A step across from one of the rows, or the reason why there is none."""
         reason, ahead = TOO_FEW, math.copysign(1.0, self.stop - self.state.t)
         longest = max((abs(after.t - before.t) for before, after in pairwise(self.places)), default=0.0)
         for factor in WIDTHS:
@@ -75,12 +75,12 @@ class Approach:
         return reason
 
     def _across(self, last: int) -> Crossing:
-        """From ``places[last]`` as far beyond the position as it is before it.
+        """Step from ``places[last]`` to as far behind the position as it is before it.
 
         Raises
         ------
         Refused
-            What is found there is not plainly the motion that led to the position.
+            The motion found there is not plainly the one that led to the position.
         """
         before = self.places[last]
         half = self.position.t - before.t
@@ -89,7 +89,7 @@ class Approach:
         leading = _spread_over(self.places[: last + 1], abs(half))
         nodes = [self._accelerated(self._projected(rows, x, x)) for x in leading]
         start, h = nodes[0], t1 - before.t
-        if abs(h) * largest(start.vdot) > MOST_CHANGE * largest(start.v):
+        if abs(h) * largest(start.vdot) > MAX_CHANGE * largest(start.v):
             raise Refused("the motion comes to rest there")
         q, v = quadrature(start, h, nodes)
         expected = extrapolated(start, t1, nodes)
@@ -102,11 +102,11 @@ class Approach:
         return Crossing(len(self.places) - 1 - last, h, self._begun(far, h))
 
     def _end(self, half: float) -> float:
-        """The time [s] on the far side that is ``half`` [s] beyond the position, or the end of the interval."""
+        """The time [s] that is ``half`` [s] behind the position, or the end of the interval."""
         t1 = self.position.t + half
         if (self.stop - t1) * half < 0:
             t1 = self.stop
-        if (t1 - self.position.t) / half <= LEAST_BEYOND:
+        if (t1 - self.position.t) / half <= MIN_BEYOND:
             raise Refused("the interval ends just beyond it")
         if (t1 - self.state.t) * half <= 0:
             raise Refused("the run is beyond it")
@@ -121,7 +121,7 @@ class Approach:
         return replace(place, vdot=found.vdot)
 
     def _projected(self, rows: UnitRows, place: Place, start: Place) -> Place:
-        """``place`` on both levels of the constraints: the only state there that is near, by Newton and Kantorovich."""
+        """``place`` projected onto both levels; refused unless that solution is isolated (Newton-Kantorovich)."""
         t, sizes = place.t, np.concatenate([np.full(start.q.size, largest(x)) for x in (start.q, start.v)])
         q, v = rows.projection.nearest(t, place.q, place.v)
         found = replace(place, q=q, v=v)
@@ -132,14 +132,14 @@ class Approach:
         return found
 
     def _check_error(self, start: Place, end: tuple[Vector, Vector], rough: tuple[Vector, Vector]) -> None:
-        """Refuse a step whose ends by four and by three values of v' are too far apart."""
+        """Refuse a step whose ends by four and by three values of v' differ too much."""
         at, there = (replace(self.state, q=q, v=v) for q, v in ((start.q, start.v), end))
         size = self.tolerances.size(at, there, np.concatenate(rough) - np.concatenate(end))
-        if size > max(1.0, MOST_ERROR / math.sqrt(max(self.tolerances.finest, EPS))):
+        if size > max(1.0, MAX_ERROR / math.sqrt(max(self.tolerances.finest, EPS))):
             raise Refused(f"the error of a step across it is {size:.2g} times what the tolerances allow of a step")
 
     def _begun(self, far: Place, h: float) -> State:
-        """The state at ``far``, as after a start."""
+        """A first state at ``far``, as after a start."""
         found = first_state(self.engine, Start(far.t, far.q, far.v), self.state.lam, self.state.mu, h)
         if isinstance(found, Failure):
             raise Refused(found.message)
@@ -148,7 +148,7 @@ class Approach:
 
 
 def _spread_over(places: list[Place], width: float) -> list[Place]:
-    """The last of ``places`` and two before it, ``width`` [s] apart or more; newest first."""
+    """The last of ``places`` and two before it, at least ``width`` [s] apart; newest first."""
     found = [places[-1]]
     for place in reversed(places):
         if abs(place.t - found[-1].t) >= width:
@@ -159,7 +159,7 @@ def _spread_over(places: list[Place], width: float) -> list[Place]:
 
 
 def quadrature(start: Place, h: float, nodes: list[Place]) -> tuple[Vector, Vector]:
-    """q and v (n,) a step of ``h`` [s] after ``start`` by the polynomial through v' of ``nodes``."""
+    """q and v (n,) after a step of ``h`` [s] from ``start``, integrating the polynomial through v' of ``nodes``."""
     x = [(node.t - start.t) / h for node in nodes]
     weights = coefficients(x, [node.vdot for node in nodes])
     k = np.arange(1.0, len(nodes) + 1)
@@ -175,10 +175,10 @@ def extrapolated(start: Place, t: float, nodes: list[Place]) -> Vector:
 
 
 def coefficients(x: list[float], values: list[Vector]) -> Matrix:
-    """Of the polynomial (k, n) through ``values`` at ``x``, the constant first."""
+    """Coefficients (k, n) of the polynomial through ``values`` at ``x``, the constant first."""
     return np.asarray(np.linalg.solve(np.vander(x, increasing=True), np.stack(values)))
 
 
 def largest(x: Any) -> float:
-    """Of the magnitudes."""
+    """Largest magnitude."""
     return float(np.abs(x).max())

@@ -1,4 +1,4 @@
-"""``Engine``: steps of one method for one system, seen from Python: a state in, a state after many steps out."""
+"""``Engine``: Python's interface to the compiled steps of one method for one system."""
 
 from __future__ import annotations
 
@@ -31,27 +31,27 @@ from solvers.hht.step.state import State
 from solvers.kernel import memory as mem
 from solvers.kernel.full import force_and_inverse_mass, force_over_mass
 
-ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # sections that hold an attempt
-SHIFTED = ("shifted", "corrected")  # starts with an a0 that is checked elsewhere
+ATTEMPTED = (mem.ATTEMPT, mem.X, mem.END, mem.END_INVERSE_MASS, mem.STEP)  # memory sections of an attempt
+SHIFTED = ("shifted", "corrected")  # starts whose a0 is evaluated at another time
 
 
 class NotTaken(ProblemError):
-    """Options that are none for a system, which only its derived dynamics show; the bench declines it."""
+    """Options that do not fit a system, as only its derived dynamics show; the bench then declines the problem."""
 
 
 def not_extrapolated(system: System | NumpySystem) -> list[str]:
-    """The functions of ``system`` whose reactions are not those that (H55) extrapolates."""
+    """Names of declared functions of ``system`` whose reactions (H55) cannot extrapolate."""
     return [name for name in ("velocity_constraint", "reaction") if declared(system, name) is not None]
 
 
 class Engine:
     """Steps of one method for one system.
 
-    Beside the loops' memory it remembers that declared derivatives are no longer used, and counts what is evaluated.
+    Beside the loops' memory it counts evaluations and remembers whether declared derivatives were replaced.
     """
 
     def __init__(self, dynamics: Dynamics, place: Place, work: Work, options: HHTOptions, *, controlled: bool) -> None:
-        """``place``: where the run begins; ``controlled``: whether by error control."""
+        """``place``: start of the run; ``controlled``: under error control."""
         self.dynamics, self.place, self.work = dynamics, place, work
         self.method, self.control, self.linsolver = options.method(controlled=controlled), options.control, options.linsolver
         self._without = options.without
@@ -70,27 +70,27 @@ class Engine:
         known = of_dynamics(dynamics)
         self.acceleration, self.compared = known.acceleration, bool(known.compared)
         self.declared = known.declared  #: derivatives
-        #: whether a failure of Newton's iteration may be that of declared derivatives
+        #: whether a failure of Newton's iteration may be due to declared derivatives
         self.fallible = bool(known.declared) and not (functions.newton.matrix_cost and functions.alone)
         self.plain = options.engine == "python"  #: the loops run as plain Python
         self._starts_alone = bool(functions.level_codes()) and self.method.start not in SHIFTED and plain_mass(dynamics)
         self.fell_back = False  #: whether the declared derivatives were replaced
         self._events: tuple[Event, ...] = ()
-        self._stopped: tuple[State, int] | None = None  #: the state after which no step was made, and how that ended
-        self._failed_derived: State | None = None  #: a state from which derived derivatives have failed too
+        self._stopped: tuple[State, int] | None = None  #: the state from which the next step failed, and the ending code
+        self._failed_derived: State | None = None  #: a state from which derived derivatives failed too
 
     @property
     def reusable(self) -> bool:
-        """Whether another run may take this engine: nothing but :meth:`again` ties it to this one."""
+        """True if another run may use this engine after :meth:`again`."""
         return not (self.plain or self.fell_back)
 
     @property
     def nbytes(self) -> int:
-        """Size of the arrays that it keeps between runs."""
+        """Bytes of the arrays kept between runs."""
         return self.loops.nbytes if "loops" in self.__dict__ else 0
 
     def again(self, place: Place, work: Work) -> Engine:
-        """This engine for another run, from ``place``, as if it were new."""
+        """Reset this engine for another run from ``place``."""
         self.place, self.work, self._stopped, self._failed_derived = place, work, None, None
         if "loops" in self.__dict__:
             self.loops.again(work)
@@ -98,17 +98,17 @@ class Engine:
 
     @cached_property
     def loops(self) -> Loops:
-        """Made when they are first needed."""
+        """The compiled loops, made on first use."""
         return Loops(self, self._events)
 
     @cached_property
     def why(self) -> str:
-        """How the steps are made."""
+        """Text on how the steps are made: loops, functions, matrix."""
         kind = "machine code" if isinstance(self.functions, MachineCode) else "functions in Python"
         return f"{'plain Python' if self.plain else 'compiled'} loops, {kind}, {self.functions.analysis.kind} matrix"
 
     def force(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Any]:
-        """f = M^-1 F (n,) and the inverse mass (n, n) or None where it is constant, (H2).
+        """f = M^-1 F (n,) and the inverse mass (n, n), or None where it is constant, (H2).
 
         Raises
         ------
@@ -122,11 +122,11 @@ class Engine:
         return packed[:n], packed[n:].reshape(n, n) if self.structure.mass == "variable" else None
 
     def applied(self, state: State) -> Vector:
-        """M^-1 F (n,) there: f of ``state``, unless that holds reactions too."""
+        """M^-1 F (n,) at ``state``."""
         return self.force(state.t, state.q, state.v)[0] if self.method.total else state.f
 
     def near(self, t: float, q: Vector, v: Vector, found: Any) -> Vector:
-        """What ``a`` (n,) is near there: f, or v' where it holds the reactions; multipliers are near those ``found``."""
+        """Acceleration (n,) that ``a`` approximates: f, or v' if a includes reactions, with multipliers near ``found``."""
         if not self.method.total or not self.structure.constrained:
             return self.force(t, q, v)[0]
         self.work.add("residual_evaluations", self.points)
@@ -134,7 +134,7 @@ class Engine:
         return there.vdot if there.converged else found.vdot
 
     def with_multipliers(self, state: State) -> State:
-        """``state`` with multipliers of the acceleration level: those of a very short last step are roundoff over h^2."""
+        """``state`` with multipliers of the acceleration level, since those of a very short step are roundoff over h^2."""
         if not self.structure.constrained:
             return state
         found = self.acceleration.solve(state.t, state.q, state.v, state.lam, state.mu)
@@ -142,7 +142,7 @@ class Engine:
         return state if not found.converged else replace(state, lam=found.lam, mu=found.mu, vdot=found.vdot)
 
     def watch(self, events: tuple[Event, ...]) -> None:
-        """Watch the functions of ``events`` in every step."""
+        """Evaluate the functions of ``events`` in every step from now on."""
         if events != self._events:
             self._events = events
             self.__dict__.pop("loops", None)
@@ -150,9 +150,9 @@ class Engine:
     def march(
         self, state: State, plan: Plan, stop: float, lengths: Vector, ends: Vector, rows: Matrix, values: Vector | None
     ) -> tuple[State, int, int]:
-        """(the state after, how many steps were made, how it ended) of at most ``len(rows)`` steps.
+        """Take at most ``len(rows)`` steps; returns (state after them, number of steps, ending code).
 
-        ``values``: of the event functions at ``state``; None where the motion begins there.
+        ``values``: event functions at ``state``; None at the begin of a motion.
         """
         loops = self.loops
         loops.raise_noted()
@@ -176,7 +176,7 @@ class Engine:
         return state, made, self._unless_spent(ended)
 
     def started(self, place: Place, guesses: Guesses) -> State | None:
-        """The state before the first step by machine code, at a place that is plainly a good start; None: look closer."""
+        """First state by machine code, if ``place`` is plainly a good start; None where full checks are needed."""
         work, count, s, (lam, mu) = self.work, self.points * (1 + self.structure.constrained), self.structure, guesses
         work.check_time()
         if not self._starts_alone or (work.max_evaluations is not None and work.max_evaluations < count):
@@ -192,7 +192,7 @@ class Engine:
         return state
 
     def prepared(self, state: State, stop: float) -> State:
-        """``state`` with what step control needs to begin or to begin again there, (H27)."""
+        """``state`` with the quantities that step control needs to begin or restart there, (H27)."""
         if state.h is not None:  # stepping began without control: v' of a step belongs to its middle
             state = self.with_multipliers(state) if self.structure.constrained else replace(state, vdot=state.f)
         loops, start = self.loops, self.method.start
@@ -211,7 +211,7 @@ class Engine:
         self.loops.load(state, values, controlled=controlled, fallback=fallback)
 
     def try_step(self, h: float, t1: float) -> int:
-        """How a trial of a step of h [s] to t1 ended, from the state that is in the memory, with the last trial's matrix."""
+        """Attempt a step of h [s] to t1 from the state in memory, with the last trial's matrix; returns the ending code."""
         self.work.check_time()
         self.loops.held = None  # its factorisation gives way
         return self._unless_spent(self.loops.call(try_step, float(h), float(t1)))
@@ -222,9 +222,9 @@ class Engine:
         return ended
 
     def take(self, before: State, values: Vector | None, *, located: bool) -> tuple[State, Vector]:
-        """Accept the attempt from ``before`` with ``values`` of event functions: the state after it and its row.
+        """Accept the attempt from ``before`` with ``values`` of event functions; returns the state after it and its row.
 
-        Of trials since then nothing stays but the one that ends where root location has ``located`` an event.
+        ``located``: the attempt ends at an event found by root location; all other trials since are discarded.
         """
         loops, row, controlled = self.loops, np.zeros((1, row_layout(self.structure).columns)), before.controlled
         if loops.held is not before:
@@ -238,16 +238,16 @@ class Engine:
         return loops.store(controlled=controlled), row[0]
 
     def attempted(self) -> tuple[Vector, ...]:
-        """Copies of what the memory holds of the attempt: numbers, unknowns, end, inverse mass."""
+        """Copies of the attempt in memory: numbers, unknowns, end, inverse mass."""
         return tuple(self.loops.section(name).copy() for name in ATTEMPTED)
 
     def put_back(self, attempt: tuple[Vector, ...]) -> None:
-        """Make ``attempt``, of the same state, the one that the memory holds."""
+        """Restore ``attempt``, from the same state, in memory."""
         for name, values in zip(ATTEMPTED, attempt, strict=True):
             self.loops.section(name)[:] = values
 
     def retry_without_declared(self, state: State) -> bool:
-        """Whether the step that was tried last succeeds without the declared derivatives, which then are used no longer."""
+        """Retry the last step with derived instead of declared derivatives; True if it succeeds, and these are kept."""
         if not self.fallible:
             self._failed_derived = state
             return False
@@ -282,7 +282,7 @@ class Engine:
         return ", ".join(self.declared)
 
     def explain(self, state: State, t1: float) -> NonFiniteValue | None:
-        """The value that was not finite in a step from ``state``, looked for near its end where machine code has met it."""
+        """The value that was not finite in a step from ``state``; searched near its end if machine code met it."""
         if self.loops.nonfinite is not None:
             return self.loops.nonfinite
         n, end = self.structure.n, self.loops.section(mem.END)
@@ -296,7 +296,7 @@ class Engine:
         return None
 
     def raise_left_over(self) -> None:
-        """Raise what was noted in the last steps, since none follows; a spent budget has ended the steps already."""
+        """Raise an exception noted in the last steps of a run; a spent budget has ended it already."""
         cause = self.loops.callbacks.take_cause()
         if cause is not None and not isinstance(cause, BudgetSpent):
             raise cause

@@ -1,4 +1,4 @@
-"""The engine pool: what was prepared for a system serves its next solve, whichever HHT object asks."""
+"""The engine pool: an engine prepared for a system is reused by its next solve, by any HHT object."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from hhtbench.protocol.system import NumpySystem, System
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.engine import Engine
 
-MAX_ENGINES = 16  # in the pool: the oldest goes first
-MAX_BYTES = 64 * 2**20  # of their memory; those in use are not counted
+MAX_ENGINES = 16  # in the pool; the oldest is dropped first
+MAX_BYTES = 64 * 2**20  # of the pool's memory; engines in use are not counted
 
 _pool: list[tuple[Any, Engine]] = []  # few, and compared from the newest on: to hash a purpose takes longer
 _lock = threading.Lock()
 
 
 def purpose_of(system: System | NumpySystem, options: HHTOptions, n: int, *, controlled: bool) -> Any:
-    """What an engine for ``system`` with ``n`` coordinates depends on; parameters that their owner may change by bytes."""
+    """Key of an engine for ``system`` with ``n`` coordinates; mutable parameters enter by their bytes."""
     return by_id(system), parameters_of(system), n, controlled, options
 
 
 def take(purpose: Any) -> Engine | None:
-    """An engine made for the same purpose, which now is the caller's alone."""
+    """Take an engine with this key out of the pool, or None."""
     with _lock:
         for i in reversed(range(len(_pool))):
             if _pool[i][0] == purpose:
@@ -33,7 +33,7 @@ def take(purpose: Any) -> Engine | None:
 
 
 def put_back(purpose: Any, engine: Engine) -> None:
-    """A run with ``engine`` is over."""
+    """Return ``engine`` to the pool after a run."""
     if not engine.reusable:
         return
     with _lock:

@@ -1,4 +1,4 @@
-"""The functions of one system's steps as the loops take them: by address, machine code or callbacks into Python."""
+"""Functions of one system's steps for the compiled loops: addresses of machine code or of callbacks into Python."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics, Native, NotNative, compile_function, native, route_of
 from hhtbench.lowering.caching import Cache, by_id
-from hhtbench.lowering.compile.coloured import MOST_COMPUTED, Coloured, find_pattern
+from hhtbench.lowering.compile.coloured import MAX_COMPUTED, Coloured, find_pattern
 from hhtbench.lowering.compile.routes import too_large
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.dynamics import innermost
@@ -44,60 +44,60 @@ from solvers.kernel.kkt import levels
 from solvers.kernel.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.kernel.memory import CONTROL_NUMBERS, Memory, Sizes, copied
 
-LARGEST_STEP = 200  # unknowns of a step up to which formulas of full matrices are written out, sparse as the result may be
-LONGEST = 200_000  # unknowns of a step beyond which no function of it is machine code: its graph has ten million nodes
+MAX_FULL = 200  # unknowns of a step up to which full matrices are used, even if they are sparse
+MAX_NATIVE = 200_000  # unknowns of a step up to which it is machine code: the graph then has ten million nodes
 SPARSE = NewtonOptions(max_iterations=25)
-LARGEST_COPIED = 200  # unknowns up to which a blank memory is kept to be copied: it takes a tenth of the time
-NOISE_MARGIN = 8.0  # times the error of a reaction by differences: Newton's increments stop shrinking there
+MAX_COPIED = 200  # unknowns up to which a blank memory is kept and copied, in a tenth of the time
+NOISE_MARGIN = 8.0  # Newton's tolerance over the error of reactions by differences
 FULL = "its matrices are full (a NumPy system without patterns, a mass that fills or is singular, or without=zeros)"
 
 _known = Cache(16)  # ordering a matrix takes a millisecond
 _lock = threading.RLock()
 
 Pair = tuple[int, int]  # addresses of a function and of its parameters
-Code = Native | tuple[Callable[..., Any], int, tuple[Any, ...]]  # or a function in Python, the size of its result, shapes
+Code = Native | tuple[Callable[..., Any], int, tuple[Any, ...]]  # machine code, or (Python function, result size, shapes)
 
 
 class Functions:
-    """What the loops call for one method and system, with the analysis of Newton's matrix and the sizes of their memory."""
+    """The functions that the loops call for one method and system, the matrix analysis, and the memory's sizes."""
 
     analysis: Analysis
     newton: NewtonOptions
-    in_python = False  #: whether all of them are functions in Python
-    alone = False  #: whether none of them is, nor calls one
+    in_python = False  #: True if all are Python functions
+    alone = False  #: True if none is or calls a Python function
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout) -> None:
         self.dynamics, self.layout = dynamics, layout
-        self.method = replace(method, start="f0")  # the first step's a0 is the loop's affair
+        self.method = replace(method, start="f0")  # the loop computes the first step's a0
         options = NewtonOptions()
         self.newton = replace(options, tolerance=max(options.tolerance, NOISE_MARGIN * innermost(dynamics).noise))
         self._sizes = memory_sizes(layout)
-        self.given = (Sizes(**self._sizes, size=0).given,)  #: the shape of the step and the state before it, as one vector
+        self.given = (Sizes(**self._sizes, size=0).given,)  #: shape of the vector of step and state before it
         self._codes: dict[str, Code] = {}
         self._of_error: dict[str, Code] = {}
         self._blank: Memory | None = None  #: without events, to be copied
 
     @property
     def _moved_force(self) -> bool:
-        """Whether applied forces depend on q, (H59)."""
+        """True if applied forces depend on q, (H59)."""
         return self.layout.structure.force_uses_q or self.layout.extrapolated
 
     @property
     def callbacks(self) -> Callbacks | None:
-        """Those that machine code calls for the system's own functions."""
+        """Callbacks by which machine code calls the system's own functions; None if it calls none."""
         return getattr(self.dynamics, "callbacks", None)
 
     def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
-        """``function`` of the dynamics and ``static``, which returns ``size`` numbers from arrays of ``shapes``."""
+        """Build ``function(dynamics, *static, ...)``, which returns ``size`` numbers from arrays of ``shapes``."""
         raise NotImplementedError
 
     def codes(self, callbacks: Callbacks) -> dict[str, Pair]:
-        """Addresses by name, but for those of :meth:`error_codes`."""
+        """Addresses of all functions by name, except those of :meth:`error_codes`."""
         return {name: _pair(code, callbacks) for name, code in self._codes.items()}
 
     def error_codes(self, callbacks: Callbacks) -> dict[str, Pair]:
-        """Addresses of what only error control needs; compiled here."""
-        with _lock:  # they are shared between solvers, and these between threads
+        """Addresses of functions that only error control needs; compiled on first use."""
+        with _lock:  # functions are shared between solvers, and solvers may run in several threads
             if not self._of_error:
                 s, end = self.layout.structure, state_size(self.layout) + self._sizes["inverse_mass"]
                 raw = (self.layout.size,), self.given, (len(CONTROL_NUMBERS) + len(REMEMBERED) * s.n,), (end,)
@@ -112,12 +112,12 @@ class Functions:
         return {name: _pair(code, callbacks) for name, code in self._of_error.items()}
 
     def level_codes(self) -> dict[str, Pair]:
-        """Addresses of what start and acceleration level need, where they are machine code; compiled here."""
+        """Addresses of functions for the start and the acceleration level, if these are machine code; compiled here."""
         return {}
 
     def memory(self, events: int, samples: int) -> Memory:
-        """Room for the loops of one engine; no state is in it yet."""
-        if events or self.layout.size > LARGEST_COPIED:
+        """Memory for the loops of one engine, without a state."""
+        if events or self.layout.size > MAX_COPIED:
             return self._memory(events, samples)
         self._blank = self._blank or self._memory(0, 0)
         return copied(self._blank)
@@ -135,7 +135,7 @@ class Functions:
 
 
 class MachineCode(Functions):
-    """All of them are machine code.
+    """Functions that are all machine code.
 
     Raises
     ------
@@ -183,7 +183,7 @@ class MachineCode(Functions):
         }
 
     def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
-        """Early and late stage of Newton's matrix, from formulas of full matrices.  Sets the analysis."""
+        """Early and late stage of Newton's matrix from full matrices; sets the analysis."""
         function, static = equations_of(self.method).residual_and_matrix, (self.method, self.layout)
         known = self.layout.structure.known_entries
         early = native(function, self.dynamics, *static, stage="early", **options)
@@ -193,11 +193,11 @@ class MachineCode(Functions):
         return early, late
 
     def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Native:
-        """Machine code."""
+        """Compile to machine code."""
         return native(function, self.dynamics, *static, shapes=shapes)
 
     def level_codes(self) -> dict[str, Pair]:
-        """Of systems so small that their start is machine code too, if no function in Python belongs to them."""
+        """Addresses for the start of a small system that calls no Python function; else empty."""
         with _lock:
             return {name: code.pair for name, code in self._of_level.items()}
 
@@ -211,30 +211,30 @@ class MachineCode(Functions):
             return {}
 
     def _starts_alone(self) -> bool:
-        """Whether the start and guesses are machine code too: of full matrices, with no function in Python."""
+        """True if the start and guesses are machine code of full matrices too, without Python functions."""
         return self.alone and too_large(self.dynamics) is None
 
 
 class SparseCode(MachineCode):
-    """Machine code of a large system, without a full matrix."""
+    """Machine code for a large system, without full matrices."""
 
     def __init__(self, dynamics: Dynamics, method: Method, layout: Layout, linsolver: str) -> None:
         products = step_products(dynamics, method)
         if products is None:
-            raise NotNative(f"more than {LARGEST_STEP} unknowns, and {FULL}")
+            raise NotNative(f"more than {MAX_FULL} unknowns, and {FULL}")
         super().__init__(products, method, layout_of(products, method), linsolver)
 
     def _starts_alone(self) -> bool:
         return False
 
     def _matrix(self, linsolver: str, options: dict[str, Any]) -> tuple[Native, Native]:
-        """From directional derivatives, one for each colour of the columns."""
+        """Early and late stage of Newton's matrix, from one directional derivative per colour of its columns."""
         static, example = (self.method, self.layout), tuple(map(np.zeros, options["shapes"]))
         try:
             pattern = find_pattern(equations_of(self.method).residual_and_ends, self.dynamics, *static, example=example)
         except NotImplementedError as error:
             raise NotNative(f"the pattern of its derivatives cannot be read: {error}") from error
-        if pattern.computed > MOST_COMPUTED:
+        if pattern.computed > MAX_COMPUTED:
             raise NotNative(f"{pattern.colours} derivatives of {pattern.shape[0]} rows")
         early = native(residual_and_entries, self.dynamics, *static, pattern, stage="early", **options)
         late = native(residual_and_entries, self.dynamics, *static, pattern, compact=True, stage="late", **options)
@@ -245,7 +245,7 @@ class SparseCode(MachineCode):
 
 
 class PythonFunctions(Functions):
-    """All of them are functions in Python: compiled by XLA, or a NumPy system's own."""
+    """Functions that are all called in Python: compiled by XLA, or a NumPy system's own."""
 
     in_python = True
 
@@ -275,15 +275,15 @@ class PythonFunctions(Functions):
             self._codes["inverse_mass"] = (lambda t, q: inverse(t, q).ravel()), n * n, ((), (n,))
 
     def made(self, function: Callable[..., Any], size: int, shapes: tuple[Any, ...], *static: Any) -> Code:
-        """A function in Python."""
-        route = "xla" if self.layout.size > LONGEST else None
+        """Build a Python function."""
+        route = "xla" if self.layout.size > MAX_NATIVE else None
         return compile_function(function, self.dynamics, *static, route=route), size, shapes
 
     @staticmethod
     def _sparse(
         dynamics: Dynamics, method: Method, layout: Layout, linsolver: str
     ) -> tuple[MatrixFree, Layout, Coloured] | str:
-        """The dynamics without full matrices, its layout and the entries of a sparse matrix; or why there are none."""
+        """Dynamics without full matrices, its layout, and Newton's matrix by coloured entries; or the reason why not."""
         if linsolver == "dense" or (linsolver == "auto" and layout.size < SMALL):
             return f"below {SMALL} unknowns"
         products = step_products(dynamics, method)
@@ -301,7 +301,7 @@ class PythonFunctions(Functions):
 
 
 def step_products(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignProducts | None:
-    """``dynamics`` without dense matrices; None: there are or shall be some, or ``method`` needs M^-1, and that is full."""
+    """``dynamics`` without full matrices; None if it has some, or ``method`` needs M^-1 and that is full."""
     if not dynamics.structure.known_entries:
         return None
     products = foreign_products(dynamics) if route_of(dynamics) == "numpy" else matrix_free(dynamics)
@@ -310,9 +310,9 @@ def step_products(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignPro
 
 
 def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
-    """Those of a system, remembered for the same dynamics: machine code where that pays and is known how.
+    """The functions of a system for ``method``, cached by dynamics: machine code where possible.
 
-    Of plain callables every engine has its own: what one has raised is noted with them.
+    For plain callables each engine has its own, since exceptions are noted with them.
     """
     if route_of(dynamics) == "numpy":
         return _made(dynamics, method, linsolver)
@@ -323,7 +323,7 @@ def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functio
 def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     layout = layout_of(dynamics, method)
     try:
-        if layout.size > LARGEST_STEP:
+        if layout.size > MAX_FULL:
             return SparseCode(dynamics, method, layout, linsolver)
         return MachineCode(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
     except NotNative:
@@ -331,14 +331,14 @@ def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
 
 
 def memory_sizes(layout: Layout) -> dict[str, Any]:
-    """Those of the loops' memory that follow from the structure and the method."""
+    """Sizes of the loops' memory that follow from structure and method."""
     s = layout.structure
     inverse_mass, applied = s.n * s.n if s.mass == "variable" else 0, s.m if layout.extrapolated else 0
     return {"n": s.n, "m": s.m, "p": s.p, "inverse_mass": inverse_mass, "applied": applied}
 
 
 def layout_of(dynamics: Dynamics, method: Method) -> Layout:
-    """The unknowns of ``method``'s steps."""
+    """Layout of the unknowns of ``method``'s steps."""
     return equations_of(method).layout(dynamics.structure, method)
 
 

@@ -1,4 +1,4 @@
-"""What the loops ask Python for where no machine code serves: forces, acceleration level, branch switches."""
+"""Callbacks into Python where the loops have no machine code: forces, acceleration level, branch switches."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parame
 
 
 def python_codes(engine: Stepped, callbacks: Callbacks) -> Codes:
-    """Addresses of functions in Python for ``engine``, where others may take their place.
+    """Addresses of Python functions for ``engine``, by name.
 
-    The callbacks of a system's functions outlive the engine, whose memory they must not keep.
+    They hold a weak reference, since callbacks of a system's functions outlive the engine.
     """
     weak: Any = weakref.proxy(engine)
     s = engine.structure

@@ -1,4 +1,4 @@
-"""Rows of output within the accepted steps, compiled."""
+"""Compiled interpolation of output rows within the accepted steps."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from solvers.kernel.sections import put
 def interpolate(n: int, m: int, steps: FloatMatrix, times: FloatArray, rows: FloatMatrix, between: BoolArray) -> None:
     """Fill ``rows`` [t, q, v, lam, mu] at ``times`` within the ``steps``, both in the direction of the motion, by (H17).
 
-    ``steps`` are rows [t, h, q, v, a, lam at both ends, mu], with two of one time where an event has changed the state: the
-    second counts.  Multipliers are those of the step's end next to a row, first order; a row ``between`` ends is marked.
+    ``steps`` are rows [t, h, q, v, a, lam at both ends, mu]; of two with one time (an event has changed the state) the
+    second is used.  Multipliers are those of the step's end after a row, first order; rows ``between`` ends are marked.
     """
     k, count = 0, steps.shape[0]
     direction = -1.0 if steps[count - 1, 0] < steps[0, 0] else 1.0

@@ -1,4 +1,4 @@
-"""``Loops``: the compiled loops with the functions of one system, their memory, and a state on its way into it and back."""
+"""``Loops``: the compiled loops with the functions of one system, their memory, and conversion from and to ``State``."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ OF_CONTROL = {
 
 
 class Loops:
-    """The loops over steps with the functions of ``engine``, which watch the functions of ``events`` in every step."""
+    """The loops over steps with the functions of ``engine``, which evaluate the functions of ``events`` in every step."""
 
     def __init__(self, engine: Stepped, events: Sequence[Event]) -> None:
         self.functions, self.work = engine.functions, engine.work
@@ -50,15 +50,15 @@ class Loops:
         self.callbacks = functions.callbacks or Callbacks()
         self.callbacks.check = self.work.check_time
         self.events = EventFunctions(events, functions, self.callbacks)
-        self.held: State | None = None  #: the state that is in the memory
+        self.held: State | None = None  #: the state in the memory
         self.nonfinite: NonFiniteValue | None = None  #: the last value in the last call, where it is known
-        self._allowed: Tolerances | None = None  # that are in the memory
-        self._stops_early = False  # whether they are coarse enough for that
+        self._allowed: Tolerances | None = None  # the tolerances in the memory
+        self._stops_early = False  # whether these are coarse enough for (H35)
         self._outside = functions.analysis.outside()
         self.z = z = functions.memory(len(self.events.events), self.events.samples)
         c, o = method.coefficients, functions.newton
         view(z, mem.START_BOUNDS)[:] = GOOD_START
-        leap = LEAP if c.both_levels else math.inf  # else v is not that of q
+        leap = LEAP if c.both_levels else math.inf  # with one level only v does not match q
         view(z, mem.CONSTANTS)[:] = [c.alpha, c.beta, c.gamma, *(getattr(o, name) for name in mem.NEWTON_CONSTANTS), leap]
         z.i[mem.RESCALE_A], z.i[mem.TRAPEZOIDAL] = method.rescale_a, method.start == "trapezoidal"
         z.i[mem.MAX_ITERATIONS] = o.max_iterations
@@ -83,7 +83,7 @@ class Loops:
         self._counts = integer_view(z, mem.COUNTED)
 
     def again(self, work: Work) -> None:
-        """For another run, as if they were new."""
+        """Reset for another run."""
         self.work, self.callbacks.check = work, work.check_time
         self.held = self.nonfinite = self._allowed = None
         self.callbacks.take_cause()
@@ -94,26 +94,26 @@ class Loops:
 
     @property
     def nbytes(self) -> int:
-        """Size of the memory and of what the linear algebra outside keeps."""
+        """Bytes of the memory, and of the factors kept outside."""
         outside = 0 if self._outside is None else self._outside.nbytes
         return int(self.z.w.nbytes + self.z.i.nbytes + outside)
 
     def section(self, name: int) -> Vector:
-        """A section of the memory, for reading and writing."""
+        """A section of the memory, as a view."""
         section: Vector = view(self.z, name)
         return section
 
     def allow(self, tolerances: Tolerances) -> None:
-        """Take ``tolerances`` for the steps from here on."""
+        """Use ``tolerances`` for the following steps."""
         if self._allowed is not tolerances:
             self.section(mem.RTOL)[:], self.section(mem.ATOL)[:] = tolerances.rtol, tolerances.atol
             o, self._allowed = self.functions.newton, tolerances
             self._stops_early = o.remaining > 0.0 and tolerances.finest >= o.finest
 
     def load(self, state: State, values: Vector | None, *, controlled: bool, fallback: bool) -> None:
-        """Put ``state`` into the memory, with its factorisation made again, and the ``values`` of the event functions there.
+        """Load ``state`` into the memory, recompute its factorisation, and set the ``values`` of event functions.
 
-        ``fallback``: a failure of Newton's iteration may be that of declared derivatives.
+        ``fallback``: a failure of Newton's iteration may be due to declared derivatives.
 
         Raises
         ------
@@ -142,7 +142,7 @@ class Loops:
             integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
 
     def start(self, place: Place, guesses: Guesses) -> State | None:
-        """The state before the first step at ``place`` with multipliers near ``guesses``; None: not plainly a good start."""
+        """First state at ``place`` with multipliers near ``guesses``; None if this is not plainly a good start."""
         self.held, (t, q, v) = None, self._place
         t[:], q[:], v[:] = place.t, place.q, place.v
         for section, guess in zip(self._multipliers, guesses, strict=True):
@@ -150,13 +150,13 @@ class Loops:
         return self.store(controlled=False) if self._entry(start)() else None
 
     def row(self, state: State) -> Vector:
-        """[t, 0, q, v, a, lam, lam, mu] of a state that no step has led to, as the loops write it of one."""
+        """Row [t, 0, q, v, a, lam, lam, mu] of a state that is no end of a step."""
         if self.held is state:
             return self.z.w.take(self._row)
         return np.concatenate(([state.t, 0.0], state.q, state.v, state.a, state.lam, state.lam, state.mu))
 
     def store(self, *, controlled: bool) -> State:
-        """The state that the loops left in their memory."""
+        """The state in the memory, as a State."""
         kept = KeptState(self._state.copy(), self._parts, self._variable, controlled)
         t, h, size_q, size_v, _, _ = self._number.tolist()
         known = {"t": t, "h": h or None, "size_q": size_q, "size_v": size_v, "controlled": controlled, "_read": kept.read}
@@ -164,13 +164,13 @@ class Loops:
         return self.held
 
     def call(self, entry: Any, *arguments: Any) -> int:
-        """Call one of the loops; what a function in Python has raised in it is raised again."""
+        """Call one of the loops; an exception in a Python callback is raised again."""
         result = self.call_noting(entry, *arguments)
         self.raise_noted()
         return result
 
     def call_noting(self, entry: Any, *arguments: Any) -> int:
-        """Call one of the loops and count its work; what a function in Python has raised in it stays noted."""
+        """Call one of the loops and count its work; an exception in a Python callback stays noted."""
         limit, spent = self.work.max_evaluations, self.work.tally
         limited = limit is not None and self._points
         self.z.i[mem.EVALUATIONS] = limit - spent["residual_evaluations"] if limited else UNLIMITED  # type: ignore[operator]
@@ -187,20 +187,20 @@ class Loops:
         return result or 0
 
     def count(self) -> None:
-        """Count the work of the loops since this was called last."""
+        """Add the loops' counts since the last call to the work."""
         tally, counts = self.work.tally, self._counts.tolist()
         for name, count in compress(zip(mem.COUNTS, counts, strict=True), counts):
             tally[name] += count
         self._counts.fill(0)
 
     def ready(self, *, controlled: bool, fallback: bool) -> None:
-        """Say how the next steps are made, with as many evaluations as they take."""
+        """Set the flags of the following steps, with unlimited evaluations."""
         z = self.z
         z.i[mem.FALLBACK], z.i[mem.CONTROLLED], z.i[mem.EVALUATIONS] = fallback, controlled, UNLIMITED
         z.i[mem.STOPS_EARLY] = controlled and self._stops_early
 
     def raise_noted(self) -> None:
-        """Raise again what a function in Python has raised in the loops, or an interrupt; the steps before it stand."""
+        """Raise an exception or interrupt noted during the loops; the steps before it remain valid."""
         if self.callbacks.cause is not None:
             raise self.callbacks.take_cause()  # type: ignore[misc] # it is there
 
@@ -210,7 +210,7 @@ class Loops:
             self.z.i[at : at + 2] = pair
 
     def _fill(self, state: State) -> None:
-        """Write ``state``, which fits; its factorisation, if any, is the first already."""
+        """Write ``state``, already checked, into the memory; its factorisation, if any, is in the first place."""
         earlier, memory, made = state.earlier, state.memory, state.factorised
         known = 0 if state.unknowns is None else 1 + (0 if earlier is None else len(earlier))
         lu = -1.0 if made is None else 0.0
@@ -232,13 +232,13 @@ class Loops:
 
 
 def _bound(z: Memory, control: Any, plain: bool, entry: Any) -> Callable[..., Any]:
-    """``entry`` without its first arguments, the memory and, where it takes them, the options of step control."""
+    """``entry`` with its first arguments bound: the memory and, where it takes them, the controller's options."""
     first = (z, control) if entry in (march, plan_first_step) else (z,)
     return partial(in_plain_python, entry, *first) if plain else entry.following(*first)
 
 
 def in_plain_python(entry: Any, *arguments: Any) -> Any:
-    """What ``entry`` does, and as quietly as compiled code."""
+    """Run ``entry`` as plain Python, without floating-point warnings, as compiled code has none."""
     with np.errstate(all="ignore"):
         return entry.function(*arguments)
 
@@ -247,19 +247,19 @@ Parts = dict[int, slice]  # sections of the state by name
 
 
 class KeptState(NamedTuple):
-    """A copy of what the memory held of a state."""
+    """A copy of a state's part of the memory; fields of State are read from it on demand."""
 
     numbers: Vector
-    parts: Parts  #: of the numbers
-    variable: bool  #: the mass
+    parts: Parts  #: slice of each section in ``numbers``
+    variable: bool  #: True if the mass varies
     controlled: bool
 
     def part(self, section: int) -> Vector:
-        """The numbers of a section."""
+        """Numbers of a section."""
         return self.numbers[self.parts[section]]
 
     def read(self, name: str) -> Any:
-        """What :class:`State` has by that name."""
+        """Value of the field ``name`` of :class:`State`."""
         known, lu = self.part(mem.NUMBER)[mem.KNOWN : mem.FACTOR + 1].tolist()
         if name == "memory":
             return self._memory() if self.controlled else None
@@ -293,7 +293,7 @@ class KeptState(NamedTuple):
 
 
 def state_sections(z: Memory) -> tuple[slice, Parts]:
-    """Where in the floats of the memory all of the state stands, and in that its sections by name."""
+    """Slice of the state in the memory's floats, and the slices of its sections within it."""
     pairs = (mem.RECORD, mem.RECORD + 1, mem.MADE_AT, mem.MADE_AT + 1)
     sections = (mem.NUMBER, *OF_STATE.values(), mem.X_EARLIER, mem.CONTROL, *OF_CONTROL.values(), *pairs)
     bounds = {section: z.i[2 * section : 2 * section + 2].tolist() for section in sections}
@@ -303,14 +303,14 @@ def state_sections(z: Memory) -> tuple[slice, Parts]:
 
 
 def row_places(z: Memory) -> Any:
-    """Where in them what :meth:`Loops.row` gives stands; H is 0 before the first step."""
+    """Indices in the memory's floats of the row of :meth:`Loops.row`; H is 0 before the first step."""
     bounds = [z.i[2 * section : 2 * section + 2].tolist() for section in (mem.Q, mem.V, mem.A, mem.LAM, mem.LAM, mem.MU)]
     number = int(z.i[2 * mem.NUMBER])
     return np.concatenate([[number + mem.T, number + mem.H], *(start + np.arange(size) for start, size in bounds)])
 
 
 def misfits(state: State, layout: Layout, given: int) -> list[str]:
-    """Which arrays of ``state`` are of another system, or of other options, as text; ``given``: numbers of a step."""
+    """Texts on arrays of ``state`` that belong to another system or other options; ``given``: numbers of a step."""
     s, size = layout.structure, layout.size
     known = 0 if state.earlier is None else min(state.earlier.size // size, HIGHEST)
     vectors = dict.fromkeys(("q", "v", "a", "f", "vdot"), (s.n,)) | {"lam": (s.m,), "mu": (s.p,)}
@@ -322,7 +322,7 @@ def misfits(state: State, layout: Layout, given: int) -> list[str]:
 
 
 def misshapen(owner: Any, shapes: dict[str, tuple[int, ...]]) -> list[str]:
-    """Arrays of ``owner`` that have not these ``shapes``, as text; one that is None has any."""
+    """Texts on arrays of ``owner`` whose shapes are not ``shapes``; None is accepted."""
     found = []
     for name, shape in shapes.items():
         value = getattr(owner, name, None)

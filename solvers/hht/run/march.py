@@ -1,4 +1,4 @@
-"""The loop over steps, compiled: everything between a state and the next that Python need not see."""
+"""The compiled loop over steps: everything between two states that needs no Python."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solvers.kernel.sections import indices, part, put, view
 
 @called
 def march(z: Memory, o: ControlOptions, stop: float, lengths: FloatArray, ends: FloatArray, rows: FloatMatrix) -> Any:
-    """At most as many accepted steps as there are ``rows``; returns how many were made, ENDED says why there are no more.
+    """Take at most ``len(rows)`` accepted steps; returns their number, and the ending code in ENDED.
 
     Of ``lengths`` (k,) [s] to ``ends`` (k,), or under error control towards ``stop`` [s] with an error (H26) of at most 1.
     """
@@ -35,7 +35,7 @@ def march(z: Memory, o: ControlOptions, stop: float, lengths: FloatArray, ends: 
 
 @called
 def try_step(z: Memory, h: float, t1: float) -> Any:
-    """How an attempt at a step of h [s] to t1 ended; nothing is accepted, the next attempt begins with its factorisation."""
+    """Attempt a step of h [s] to t1 without accepting it; returns the ending code and keeps the factorisation."""
     ended = attempt(z, h, t1, indices(z, mem.COUNTED))
     if ended == mem.CONVERGED:
         part(z, mem.NUMBER)[mem.FACTOR] = part(z, mem.ATTEMPT)[mem.SLOT]
@@ -44,13 +44,13 @@ def try_step(z: Memory, h: float, t1: float) -> Any:
 
 @called
 def look(z: Memory) -> Any:
-    """What the event functions do along the attempt, by its samples."""
+    """Scan the attempt for events; returns the code of :func:`~solvers.hht.events.scan.scan`."""
     return scan(z, indices(z, mem.COUNTED))
 
 
 @called
 def take(z: Memory, row: FloatMatrix, located: bool) -> None:
-    """Accept the attempt; where root location ``located`` its end, with a matrix made there and its error."""
+    """Accept the attempt; if root location ``located`` its end, with a new matrix there and its error."""
     tried, counts, spare = part(z, mem.ATTEMPT), indices(z, mem.COUNTED), 1 - max(int(part(z, mem.NUMBER)[mem.FACTOR]), 0)
     if located:
         early(z)
@@ -63,7 +63,7 @@ def take(z: Memory, row: FloatMatrix, located: bool) -> None:
 
 @called
 def remake(z: Memory, made_at: FloatArray) -> Any:
-    """Make the matrix of a saved state again, from where it was made, into the first place; the state in memory is lost."""
+    """Recompute the factorisation of a saved state into the first place; the state in memory is lost."""
     size, counts = part(z, mem.X).size, indices(z, mem.COUNTED)
     put(part(z, mem.X), 0, made_at[:size])
     put(view(z.w, z.i[2 * mem.STEP], made_at.size - size), 0, made_at[size:])

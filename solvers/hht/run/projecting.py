@@ -1,4 +1,4 @@
-"""States between steps put onto both levels of the constraints, (H47): many in one call of the loops, else one by one."""
+"""Projection of states between steps onto both constraint levels, (H47): many in one compiled call, else one by one."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ _known = Cache(16)  # memory of the loops for one system, or None where no machi
 
 
 def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> ProjectionFailure:
-    """Move q and v (k, n) at the times ``t`` (k,) onto both levels, as work for output; what could not be moved stays.
+    """Project q and v (k, n) at the times ``t`` (k,) in place, as work for output; returns the failures.
 
-    Of methods whose steps are on the position level only nothing is moved: it would look better than the steps.
-    ``sizes`` (2n,), typical ones of q and v, measure what is violated.
+    Nothing is projected for methods whose steps satisfy the position level only: rows would look better than steps.
+    ``sizes`` (2n,): typical sizes of q and v, by which violations are measured.
     """
     work, clock = engine.work, engine.work.clock
     if not (t.size and engine.structure.constrained and engine.method.coefficients.both_levels):
@@ -45,7 +45,7 @@ def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: V
 
 
 def projection_of(engine: Engine) -> Callable[[Any], OnConstraints]:
-    """What makes of its steps what puts dense output through them onto the constraints, when the run is over."""
+    """Function that makes the projection of dense output from the steps, when the run is over."""
     functions = engine.functions if engine.functions.alone else None
     return partial(_projection, engine.dynamics, functions, held=engine.method.coefficients.both_levels)
 
@@ -55,7 +55,7 @@ def _projection(dynamics: Dynamics, functions: Functions | None, steps: Any, *, 
 
 
 def _put_later(dynamics: Dynamics, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> str:
-    """:func:`put` without the counts and budgets of the run; what is to be said of it."""
+    """:func:`put` without the run's counts and budgets; returns a warning or ""."""
     return str(put(dynamics, functions, t, q, v, sizes))
 
 
@@ -68,7 +68,7 @@ def put(
     sizes: Vector,
     going: Callable[[], bool] = lambda: True,
 ) -> ProjectionFailure:
-    """The same for ``dynamics``, of whose ``functions`` some may be machine code, as long as it is ``going`` on."""
+    """Project q and v (k, n) in place while ``going()``, by machine code of ``functions`` where there is some."""
     done = np.zeros(t.size, dtype=bool)
     found = None
     if functions is not None and (t.size >= FEW or functions.alone):
@@ -94,7 +94,7 @@ def put(
 
 
 def _memory_for(functions: Functions) -> Places | None:
-    """For :func:`project`; None where there is no machine code for it."""
+    """Memory of the compiled projection, cached; None if it is not machine code."""
     found: Places | None = _known.find(by_id(functions), lambda: _memory(functions))
     return found
 
@@ -112,7 +112,7 @@ def _memory(functions: Functions) -> Places | None:
 
 
 def smallest_changes(dynamics: Dynamics) -> Places:
-    """Those along which projections move: along declared reactions no change is the smallest.
+    """Compiled projection along the constraint Jacobian, also where declared reactions have another direction.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Multipliers of rows of output from the acceleration level, (H16), many rows in one call of the loops."""
+"""Multipliers of output rows from the acceleration level, (H16), many rows in one compiled call."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RecoverPlaces = Callable[[Matrix, Any], Any]  # (places [t, q, v, lam, mu], done
 
 
 def recovered(engine: Engine, output: OutputRows) -> Any:
-    """Which of the rows of ``output`` got their multipliers: by (H60) between the ends of steps, else by (H16)."""
+    """Recover the multipliers of ``output``: by (H60) between the ends of steps, else by (H16); mask (k,) of rows done."""
     rows, done = output.rows, np.zeros(len(output.rows), dtype=bool)
     by_code = _by_code(engine, len(rows))
     recover_places = by_code or _in_python(engine)
@@ -46,7 +46,7 @@ def recovered(engine: Engine, output: OutputRows) -> Any:
 
 
 def _recover_rest(rows: Matrix, done: Any, recover_places: RecoverPlaces) -> None:
-    """Recover the multipliers of those ``rows`` that are not ``done``, at their own states."""
+    """Recover the multipliers of ``rows`` not yet ``done``, at their own states."""
     if not np.count_nonzero(done):  # without copies
         recover_places(rows, done)
         return
@@ -57,7 +57,7 @@ def _recover_rest(rows: Matrix, done: Any, recover_places: RecoverPlaces) -> Non
 
 
 def _by_code(engine: Engine, count: int) -> RecoverPlaces | None:
-    """What recovers many places: the loops' own acceleration level, or code for ``count`` rows; None: there is none."""
+    """Compiled recovery for ``count`` rows: the loops' acceleration level or code of entries; None if there is none."""
     functions, loops = engine.functions, engine.loops
     if engine.plain or not isinstance(functions, MachineCode):
         return None
@@ -79,7 +79,7 @@ def _by_code(engine: Engine, count: int) -> RecoverPlaces | None:
 
 
 def _in_python(engine: Engine) -> RecoverPlaces:
-    """The same, one place after the other; those where a value is not finite are left."""
+    """Recovery row by row in Python; rows with values that are not finite are skipped."""
     s = engine.structure
 
     def recover_places(places: Matrix, done: Any) -> None:

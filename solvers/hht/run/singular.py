@@ -1,4 +1,4 @@
-"""Singular positions, where the constraints lose rank, (H48): found from the rows of a run that fails there."""
+"""Singular positions, where the constraints lose rank, (H48): detected from the rows of a run that failed."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ from solvers._start import Place as Start
 from solvers.hht.run.engine import Engine
 from solvers.kernel import memory as mem
 
-MAY_BE_SINGULAR = (  # ends that may have a singular position for their cause
+MAY_BE_SINGULAR = (  # failures that a singular position may cause
     Status.newton_failed,
     Status.step_too_small,
     Status.singular_iteration_matrix,
     Status.time_resolution,
 )
-MAX_PRODUCTS = 1e8  # n^2 (m + p) up to which singular values are computed, some forty times in a second or two
-CLEAR = 1e-4  # of the least singular value elsewhere: from there on its fall is seen beside roundoff
-LAST_ROWS = 400  # rows of a run, at most: near the position steps shrink by a factor each
-APART = 50  # of those rows: at these and at the start the singular value is compared with the last
-PROBE = 1e-6  # of the time in which the motion crosses its own size: over it the singular value is differenced
-BESIDE = 1e-3  # of that time: a position so close to a run's end is the cause of it
-LOST = 0.05  # of a singular value, at most, that is left where it vanishes: all of it but errors of the way there
+MAX_PRODUCTS = 1e8  # n^2 (m + p) up to which some forty singular value decompositions take a second or two
+CLEAR = 1e-4  # least singular value relative to that elsewhere above which roundoff does not hide its decrease
+LAST_ROWS = 400  # last rows of a run that are used: near the position each step is shorter by a factor
+APART = 50  # every so many of these rows the singular value is compared with the last
+PROBE = 1e-6  # time step of the difference of singular values, relative to |q| / |v|
+BESIDE = 1e-3  # distance in time, relative to |q| / |v|, within which a position is the cause of a run's end
+LOST = 0.05  # ratio of singular values below which one counts as vanished
 
 
 @dataclass(frozen=True)
@@ -45,27 +45,27 @@ class Place(Start):
 
     @property
     def scale(self) -> float:
-        """[s] in which the motion crosses its own size; infinite at rest."""
+        """Time |q| / |v| [s] in which the motion crosses its own size; infinite at rest."""
         speed = float(np.abs(self.v).max())
         return float(np.abs(self.q).max()) / speed if speed > 0.0 else np.inf
 
     def moved(self, s: float) -> Place:
-        """Where the motion is ``s`` [s] later, to second order."""
+        """The motion extrapolated by ``s`` [s], to second order."""
         return replace(self, t=self.t + s, q=self.q + s * self.v + s * s / 2 * self.vdot, v=self.v + s * self.vdot)
 
 
 @dataclass(frozen=True)
 class SingularPosition:
-    """Where rows of the constraints become dependent."""
+    """A position where rows of the constraints become dependent."""
 
     t: float  #: [s]
-    rows: int  #: of the constraints
+    rows: int  #: number of constraints
     rank: int
-    dependent: tuple[int, ...]  #: as many rows of [g; k] that depend on the others there; other choices may be as good
+    dependent: tuple[int, ...]  #: rows of [g; k] that depend on the others there; the choice may not be unique
 
     @property
     def text(self) -> str:
-        """Part of a message."""
+        """Description for a message."""
         return (
             f"the constraints lose rank at t = {self.t:.10g}: a singular position, of rank {self.rank} of {self.rows} rows; "
             f"for example rows {list(self.dependent)} of [g; k] depend on the others there"
@@ -73,14 +73,14 @@ class SingularPosition:
 
 
 class UnitRows:
-    """The rows of [g_q; k_v] over the root of the mass, scaled to length one at ``first``; their singular values show rank.
+    """Rows of [g_q; k_v] over the root of the mass, scaled to unit length at ``first``; singular values show their rank.
 
-    They are not scaled elsewhere: a single row loses rank where it vanishes.
+    They are not scaled elsewhere, since a single row loses rank where it vanishes.
 
     Raises
     ------
     LinAlgError
-        There is no rank: something is not finite, or a row is zero at ``first``.
+        The rank is undefined: a value is not finite, or a row is zero at ``first``.
     """
 
     def __init__(self, dynamics: Dynamics, first: Start) -> None:
@@ -89,7 +89,7 @@ class UnitRows:
         self._lengths = np.linalg.norm(self.at(first), axis=1, keepdims=True)
 
     def at(self, place: Start) -> Matrix:
-        """(m + p, n) there."""
+        """The scaled rows (m + p, n) at ``place``."""
         rows = self._rows(place)
         if not (self._lengths > 0.0).all():
             raise linalg.LinAlgError("the constraints have no rank, where a row is zero")
@@ -103,7 +103,7 @@ class UnitRows:
         return rows
 
     def root(self, place: Start) -> Matrix:
-        """(n, n) of the mass, lower triangular; the identity for a singular one: rows tell as well in other units."""
+        """Lower Cholesky factor (n, n) of the mass; the identity for a singular one, as rank does not depend on it."""
         mass = dense(self.projection.mass(place.t, place.q))
         if not np.isfinite(mass).all():
             raise linalg.LinAlgError("the mass is not finite")
@@ -113,19 +113,19 @@ class UnitRows:
             return np.eye(len(mass))
 
     def least(self, place: Start) -> float:
-        """The least singular value there."""
+        """Least singular value at ``place``."""
         return float(np.linalg.svd(self.at(place), compute_uv=False)[-1])
 
 
 def dense(matrix: Any) -> Matrix:
-    """As an array."""
+    """``matrix`` as a dense array."""
     return np.asarray(matrix if isinstance(matrix, np.ndarray) else matrix.toarray())
 
 
 def singular_position(dynamics: Dynamics, start: Start, places: list[Place], reach: float) -> SingularPosition | None:
-    """What ends a run from ``start`` at the last of ``places`` if that is a singular position; None if not.
+    """The singular position that ends a run from ``start`` at the last of ``places``; None if there is none.
 
-    ``reach`` [s] is what it may be away, at least.  The place is found from the last one that is not too close to it.
+    ``reach`` [s]: distance within which it counts as the cause.  It is extrapolated from the last place not too close to it.
     """
     s = dynamics.structure
     if not s.constrained or s.n**2 * (s.m + s.p) > MAX_PRODUCTS:
@@ -146,13 +146,13 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
 
 
 def _on_constraints(rows: UnitRows, place: Place) -> Place:
-    """The nearest place on the constraints: an extrapolated motion may leave them and lose rank where no mechanism is."""
+    """The nearest place on the constraints, since an extrapolated motion may leave them and lose rank elsewhere."""
     q, v = rows.projection.nearest(place.t, place.q, place.v)
     return replace(place, q=q, v=v) if np.isfinite(q).all() else place
 
 
 def _last(places: list[Place], is_clear: Callable[[Place], bool]) -> Place | None:
-    """The last of ``places`` that ``is_clear``, looked for twice as far from the end each time, then between."""
+    """The last of ``places`` that ``is_clear``, by doubling the distance from the end and then bisection."""
     near, far = 0, 1
     while far < len(places) and not is_clear(places[-far]):
         near, far = far, 2 * far
@@ -162,7 +162,7 @@ def _last(places: list[Place], is_clear: Callable[[Place], bool]) -> Place | Non
 
 
 def _vanishing(rows: UnitRows, place: Place) -> Place | None:
-    """Where the least singular value vanishes along the motion from ``place``, (H48): by secants from this side of it."""
+    """The place where the least singular value vanishes along the motion from ``place``, (H48), by a secant iteration."""
     start, probe = rows.least(place), PROBE * place.scale
     if not np.isfinite(probe):
         return None
@@ -180,7 +180,7 @@ def _vanishing(rows: UnitRows, place: Place) -> Place | None:
 
 
 def _dependent(rows: UnitRows, before: Start, found: Place) -> SingularPosition | None:
-    """What is lost at ``found``, by the left singular vectors there: what has fallen since ``before``; None if nothing."""
+    """The rank lost at ``found``, from left singular vectors of values that fell since ``before``; None if none did."""
     were = linalg.svdvals(rows.at(before))
     left, sizes, _ = linalg.svd(rows.at(found))
     lost = sizes <= np.minimum(LOST * were, were[-1] / 2)
@@ -188,7 +188,7 @@ def _dependent(rows: UnitRows, before: Start, found: Place) -> SingularPosition 
 
 
 def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition:
-    """The rows that depend on others at ``found``; ``null`` (m + p, d) are the left singular vectors of what is lost."""
+    """The rows that depend on others at ``found``; ``null`` (m + p, d): left singular vectors of vanished values."""
     pivots = linalg.qr(null.T, mode="r", pivoting=True)[1][: null.shape[1]]
     s, out = rows.dynamics.structure, redundant_rows(rows.dynamics)
     kept = [i for i in range(s.m + s.p + len(out)) if i not in out]
@@ -197,13 +197,13 @@ def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition
 
 
 def places_of(t: Matrix, q: Matrix, v: Matrix) -> list[Place]:
-    """The ends of steps in the rows ``t`` (k, 1), ``q`` and ``v`` (k, n) of a run, with v' by differences."""
+    """Ends of steps in the rows ``t`` (k, 1), ``q`` and ``v`` (k, n) of a run, with v' by differences."""
     h = np.diff(t[:, 0])
     return [Place(float(t[i + 1, 0]), q[i + 1], v[i + 1], (v[i + 1] - v[i]) / h[i]) for i in np.flatnonzero(h).tolist()]
 
 
 def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | Failure:
-    """The singular position that has caused the ``failure`` of a run through ``places``; else the failure."""
+    """The singular position that caused the ``failure`` of a run through ``places``, or the failure itself."""
     if failure.status not in MAY_BE_SINGULAR or not places:
         return failure
     reach = 2 * abs(float(engine.loops.section(mem.ATTEMPT)[mem.H_TRIED]))
@@ -214,5 +214,5 @@ OTHERS = "Several motions may follow; end before it, or choose other coordinates
 
 
 def ends_at(position: SingularPosition, why: str) -> Failure:
-    """The failure of a run at ``position``, with the reason ``why`` no step across it is made."""
+    """Failure of a run at a singular ``position``; ``why``: reason why no step across it is made."""
     return Failure(Status.singular_iteration_matrix, f"{position.text}. It is not stepped over: {why}. {OTHERS}.")

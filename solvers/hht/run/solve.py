@@ -1,4 +1,4 @@
-"""One call of ``HHT.solve``: start, steps, rows, and what is left of it when something raises."""
+"""One call of ``HHT.solve``: start, steps, output rows, and the partial solution if something raises."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ from solvers.kernel.numbers import TINY
 STAGES = "stage values (first order)"
 IN_WORDS = {"every": STAGES, "rest": f"{STAGES} stand in the rest", "some": f"{STAGES} stand there"}
 ARRIVED = Failure(Status.success, Status.success.text)
-FEW = 20  # steps of the first call, so that slow ones can be interrupted
-FEW_QUICK = 512  # the same of quick ones
-MOST = 65_536  # steps of one call
-QUICK = 64  # unknowns up to which a step in machine code takes less than 0.1 ms: a call of FEW costs as much
-CROSSED, BETWEEN = 10, 100  # singular positions that may be stepped over, and steps for every further one
-SLOW = 0.05  # [s] of one call, at most: budgets and the user's interrupt are looked at between
+FIRST_CALL = 20  # steps of the first call of the loops, so that slow ones can be interrupted
+FIRST_CALL_QUICK = 512  # steps of the first call where steps are quick
+MAX_CALL = 65_536  # steps of one call
+QUICK = 64  # unknowns up to which a step in machine code takes less than 0.1 ms: a call of FIRST_CALL costs as much
+MAX_CROSSED, STEPS_PER_CROSSING = 10, 100  # singular positions crossed in a run: so many, and one more per so many steps
+MAX_CALL_TIME = 0.05  # [s] of one call: budgets and the user's interrupt are checked between calls
 
 
 class Integration:
@@ -57,14 +57,14 @@ class Integration:
     def __init__(
         self, solver: Any, request: Request, steps: StepPlan | None, t1: float, place: Place, guesses: Guesses, clock: Clock
     ) -> None:
-        """``steps``: those that ``request`` prescribes; None: error control."""
+        """Prepare the run; ``steps`` are those that ``request`` prescribes, None for error control."""
         self.solver, self.request, self.steps, self.t1 = solver, request, steps, t1
         self.place, self.guesses = place, guesses
         self.rtol = 0.0 if request.rtol is None else float(np.min(request.rtol))
         self.work = clock.work = Work(max_evaluations=request.max_evaluations, clock=clock)
 
     def solution(self) -> Solution:
-        """The whole solve."""
+        """Run the integration and return its Solution."""
         request, steps = self.request, self.steps
         h = self.t1 - self.place.t if steps is None else steps.length(0)
         how = {"controlled": steps is None, "calc_initcond": request.calc_initcond}
@@ -88,14 +88,14 @@ class Integration:
         return solution
 
     def left_over(self, end: Failure) -> Solution:
-        """What was accepted before an exception; no function of the system is called for it."""
+        """Solution of the steps accepted before an exception; calls no function of the system."""
         if self.stepper is None:
             return self._nothing(end)
         rows, _ = self.history.output_rows(lambda: False)
         return unrecovered(self.stepper.engine, end, (rows.t, rows.q, rows.v), own_multipliers(rows), **self.history.kept())
 
     def _assembled(self, stepper: Stepper, end: Failure, note: str) -> Solution:
-        """The Solution: the rows at the output times, or at every step, that were reached, with their multipliers."""
+        """The Solution at the output times (or at every step) that were reached, with recovered multipliers."""
         engine = stepper.engine
         self.work.only_output_is_left()
         rows, asked = self.history.output_rows(lambda: self.work.clock.left() < 0.0)
@@ -111,7 +111,7 @@ class Integration:
         return solution_of(engine, end, motion, own, recover_many, note, carried=carried, **more)
 
     def _warnings(self, plan: Plan, at_start: float) -> str:
-        """Warning if prescribed steps do not resolve forces, or tolerances exceed q, which was ``at_start`` large."""
+        """Warning if prescribed steps do not resolve the forces, or ``atol`` exceeds max|q|, initially ``at_start``."""
         if plan.by_error is None:
             forced = self.history.forced()
             return unresolved_forces(*forced) or alternating_vibration(*forced[1:4])[0]
@@ -120,7 +120,7 @@ class Integration:
         return str(plan.by_error.tolerances.warn(float(self.history.sizes()[: self.place.q.size].max())))
 
     def _diagnosis(self, end: Failure) -> dict[str, Any]:
-        """What :meth:`~hhtbench.Solution.diagnose` calls after a failure."""
+        """Field ``diagnosis_of`` of a failed Solution: what :meth:`~hhtbench.Solution.diagnose` calls."""
         if self.stepper is None or end.status in (Status.success, Status.event):
             return {}
         t, q, v = (x[-1] for x in self.history.last(1))
@@ -131,7 +131,7 @@ class Integration:
         return {"diagnosis_of": partial(diagnosed, self.solver.system, self.solver.options, end.status, place, h, **known)}
 
     def _put_on_constraints(self, engine: Engine, rows: OutputRows) -> str:
-        """Rows between steps on both levels, as the steps are, (H47); a sentence on what could not be put there."""
+        """Project rows between steps onto both constraint levels, (H47); returns a warning where that failed, or ""."""
         which = rows.between
         if which is None or not np.count_nonzero(which):  # in a fifth of the time of any()
             return ""
@@ -141,7 +141,7 @@ class Integration:
         return str(missed)
 
     def _checked(self, end: Failure) -> Failure:
-        """``end``; of a success a failure where times do not resolve the steps, or prescribed steps were unstable."""
+        """``end``, turned into a failure if times do not resolve the steps or prescribed steps were unstable."""
         if end.status not in (Status.success, Status.event):
             return end
         made, elapsed = self.history.steps
@@ -159,15 +159,15 @@ class Integration:
 
 
 def integrate(stepper: Stepper, state: State, stop: float, history: History, max_num_steps: int | None) -> Failure:
-    """Take steps until ``stop`` [s], a terminal event, a failure or a budget; every accepted step is in ``history``.
+    """Take steps until ``stop`` [s], a terminal event, a failure or a budget; append accepted steps to ``history``.
 
-    Under error control ``MAX_STEPS`` at most where ``max_num_steps`` is None; causes are looked for there, and where steps
-    failed.  Returns how it ended.
+    Under error control ``max_num_steps=None`` means ``MAX_STEPS``.  Where the run ends at that limit or a step fails, the
+    message names a cause if one is found.  Returns how the run ended.
     """
     most = max_num_steps or (MAX_STEPS if stepper.plan.by_error else None)
     watch, taken, clock = EventState((0,) * len(stepper.events)), 0, stepper.engine.work.clock
     crossed, stepping = 0, 0.0
-    count = FEW_QUICK if clock.limit is None and is_quick(stepper.engine) else FEW
+    count = FIRST_CALL_QUICK if clock.limit is None and is_quick(stepper.engine) else FIRST_CALL
     while state.t != stop:
         if most is not None and taken >= most:
             text = f"{taken} steps were taken and t = {exact(state.t)} reached; {Status.max_steps.text}"
@@ -185,14 +185,16 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
         stepping += taking
         clock.kept_back = history.handing_over(stepping)
         each = taking / max(accepted.made, 1)
-        count = int(min(8 * count, MOST, max(min(SLOW, clock.left()) / each, 1.0)))
+        count = int(min(8 * count, MAX_CALL, max(min(MAX_CALL_TIME, clock.left()) / each, 1.0)))
         history.note(accepted.occurrences)
         after = stepper.after_events(accepted)
         if after.state is not accepted.state:
             history.restart(stepper.engine.loops.row(after.state))
         state, watch = after.state, after.watch
         if after.ended is not None:
-            beyond = go_beyond(stepper, after.ended, state, stop, history, often=crossed > CROSSED + taken / BETWEEN)
+            beyond = go_beyond(
+                stepper, after.ended, state, stop, history, often=crossed > MAX_CROSSED + taken / STEPS_PER_CROSSING
+            )
             if isinstance(beyond, Failure):
                 return beyond
             state, taken, crossed = beyond, taken + 1, crossed + 1
@@ -200,16 +202,16 @@ def integrate(stepper: Stepper, state: State, stop: float, history: History, max
 
 
 def is_quick(engine: Engine) -> bool:
-    """Whether steps take less time than a call of them."""
+    """True if a step takes less time than the call of the compiled loops around it."""
     return engine.functions.alone and not engine.plain and engine.layout.size <= QUICK
 
 
 def go_beyond(
     stepper: Stepper, ended: Failure, state: State, stop: float, history: History, *, often: bool
 ) -> State | Failure:
-    """The state beyond the singular position that has ``ended`` the run at ``state``, or how it ends.
+    """Step across the singular position that ended the run at ``state``; returns the state behind it, or the failure.
 
-    ``often``: it has been beyond so many that it would only go from one to the next.
+    ``often``: the run has crossed so many already that it is ended here.
     """
     engine, by_error, places = stepper.engine, stepper.plan.by_error, places_of(*history.last(LAST_ROWS))
     position = cause_of(engine, ended, places)
@@ -221,7 +223,10 @@ def go_beyond(
     if stepper.events:
         return ends_at(position, "events would not be seen there")
     if often:
-        return ends_at(position, f"the run has stepped over {CROSSED} and more already, one every {BETWEEN} steps or less")
+        return ends_at(
+            position,
+            f"the run has stepped over {MAX_CROSSED} and more already, one every {STEPS_PER_CROSSING} steps or less",
+        )
     found = Approach(engine, by_error.tolerances, position, places, state, stop).crossing()
     if isinstance(found, str):
         return ends_at(position, found)
@@ -234,12 +239,12 @@ def go_beyond(
 
 
 def own_multipliers(rows: OutputRows) -> OwnMultipliers:
-    """Lam1 (k, m) and mu of the midpoint (k, p), as ``rows`` have them."""
+    """Multipliers stored by the steps: lam1 (k, m), and mu (k, p) of the step's midpoint."""
     return OwnMultipliers(rows.lam, rows.mu, (NOTHING, NOTHING), **IN_WORDS)
 
 
 def end_times(tspan: Any) -> tuple[float, float]:
-    """The two times [s] of ``tspan``."""
+    """Parse ``tspan`` into its two times [s]."""
     if not isinstance(tspan, (tuple, list, np.ndarray)) and isinstance(tspan, jax.Array):
         tspan = real_vector("tspan", tspan)
     if not isinstance(tspan, (tuple, list, np.ndarray)) or len(tspan) != 2:
@@ -248,7 +253,7 @@ def end_times(tspan: Any) -> tuple[float, float]:
 
 
 def planned(request: Request, n: int, t0: float, t1: float) -> StepPlan | None:
-    """The steps that ``request`` prescribes; raises unless it fits HHT, ``n`` coordinates and the interval [t0, t1] [s]."""
+    """Prescribed steps of ``request`` (None under error control), checked against ``n`` coordinates and [t0, t1] [s]."""
     if request.options:
         raise TypeError(f"HHT takes its options when it is made: HHT(system, alpha=...); got options={request.options}.")
     check_accuracy(request, n)
@@ -259,12 +264,12 @@ def planned(request: Request, n: int, t0: float, t1: float) -> StepPlan | None:
 
 
 def check_accuracy(request: Request, n: int) -> None:
-    """Raise unless the tolerances of ``request``, if it has any, fit a system with ``n`` coordinates.
+    """Check that the tolerances of ``request``, if given, fit a system with ``n`` coordinates.
 
     Raises
     ------
     ProblemError
-        Its tolerances are of a wrong shape, or zero.
+        A tolerance has the wrong shape, or both are zero.
     """
     if request.atol is None and request.rtol is not None and has_zero(request.rtol):
         raise ProblemError("rtol = 0 leaves no tolerance; give atol too.")

@@ -1,4 +1,4 @@
-"""From a system and q0, v0 to an engine with its first state: derived, projected, checked, with multipliers and a0."""
+"""From a system and q0, v0 to an engine with its first state: derivation, projection, checks, multipliers and a0."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ NOTHING = np.zeros(0)
 
 
 class Started(NamedTuple):
-    """The engine with its first state; ``note`` says what was done to the start."""
+    """An engine with its first state; ``note`` says how the start was changed."""
 
-    purpose: Hashable  #: what the engine was made for
+    purpose: Hashable  #: key of the engine in the pool
     engine: Engine
     state: State
     note: str
-    applied: Vector  #: M^-1 F (n,) there under error control, whose tolerances take it; else (0,)
+    applied: Vector  #: M^-1 F (n,) there under error control, for default tolerances; else (0,)
 
 
 def start_values(t0: Any, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any) -> tuple[Place, Guesses]:
-    """The caller's start as private arrays.
+    """Check the caller's start and copy it to arrays.
 
     Raises
     ------
@@ -63,10 +63,10 @@ def begin(
     calc_initcond: bool = False,
     events: tuple[Event, ...] = (),
 ) -> Started | Failure:
-    """Derive, project and check the start, and make the first state; one value that is not finite is tried once more.
+    """Derive, project and check the start, and build the first state; retried once after a value that is not finite.
 
-    ``h`` [s] is the first step, or the direction of time.  An engine that an earlier run for the same system has left is
-    used again, and left for the next where no motion begins.
+    ``h`` [s] is the first step, or the direction of time.  An engine left by an earlier run of the same system is
+    reused, and returned to the pool if no motion begins.
     """
 
     purpose = engine_pool.purpose_of(system, options, place.q.size, controlled=controlled)
@@ -112,7 +112,7 @@ def make_engine(
     controlled: bool = False,
     ready: Engine | None = None,
 ) -> Engine:
-    """The engine for runs that begin at ``place``, without a check of the start: ``ready`` if it was made for the same."""
+    """The engine for runs that begin at ``place``, without checking the start; ``ready`` if its dynamics are the same."""
     dynamics = dynamics_for(system, place, options.without)
     if ready is not None and ready.dynamics is dynamics:
         return ready.again(place, work)
@@ -122,7 +122,7 @@ def make_engine(
 def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | None, h: float) -> State | Failure:
     """The state before the first step of signed length ``h`` [s]; the start must be consistent.
 
-    Without constraints neither multipliers nor KKT matrix are touched.
+    Without constraints neither multipliers nor KKT matrix are computed.
     """
     t, q, v = place.t, place.q, place.v
     found: Any = None
@@ -162,7 +162,7 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
 
 
 def corrected_velocity(engine: Engine, place: Place, found: Any, h: float) -> Vector:
-    """v0 (n,) with the normal part that holding positions alone gives it in later steps of length ``h`` [s], (H44)."""
+    """v0 (n,) with the normal part that index-3 steps of length ``h`` [s] produce, (H44)."""
     t, q, v, c, projection = place.t, place.q, place.v, engine.method.coefficients, Projection(engine.dynamics)
     jerk = (engine.near(t + h, q + h * v, v + h * found.vdot, found) - found.vdot) / h
     rows = projection.levels.at(t, q, v).rows

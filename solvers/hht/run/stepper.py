@@ -1,4 +1,4 @@
-"""Steps one after the other, with what the events in them ask for."""
+"""Steps one after the other: advance in the compiled loops, then end steps at events and apply state changes."""
 
 from __future__ import annotations
 
@@ -31,54 +31,55 @@ from solvers.kernel import memory as mem
 
 CUTS = 20  # of one step: each finds an earlier event than the last
 JUMP = "look for a jump in the forces, or a wrong derivative"
-RESIDUAL = "the step's residual"  # what is named where every function is finite one by one
-PILED_UP = "end the run before, by a terminal event of low height and speed, and go on with a constraint in its place."
-MOST_AT_ONCE = 100  # changes by one event at one time, between bodies that meet together
+RESIDUAL = "the step's residual"  # named in messages where each function by itself is finite
+PILED_UP = "end the run earlier by a terminal event at low height and speed, and continue with a constraint instead."
+MAX_CHANGES_AT_ONCE = 100  # state changes by one event at one time, as between bodies that collide together
 
 
 @dataclass(frozen=True)
 class EventState:
-    """What the search for events keeps between two steps."""
+    """State of the event search carried from one step to the next."""
 
-    counts: tuple[int, ...] = ()  #: occurrences so far
-    values: Vector | None = None  #: (2k,) event functions at its end, roundoff of those beside a zero; None: a start
-    changed: tuple[int, ...] = ()  #: events that have changed the state at this time
-    sides: tuple[int, ...] = ()  #: (k,) of zero on which a change left the motion, 0 without one; (): ``values`` hold
-    ahead: float = 0.0  #: [s] the signed length of the step that follows a start or a change
+    counts: tuple[int, ...] = ()  #: (k,) occurrences of each event so far
+    values: Vector | None = None  #: (2k,) event functions, then roundoff of those at a zero; None: not evaluated yet
+    changed: tuple[int, ...] = ()  #: indices of events that have changed the state at this time
+    sides: tuple[int, ...] = ()  #: (k,) sign of each function after a change, 0: no change; (): ``values`` are current
+    ahead: float = 0.0  #: signed length [s] of the step that follows a start or a change
 
 
 class Accepted(NamedTuple):
-    """Accepted steps, the last of which ends at the first event that stops it, with the events on the way there."""
+    """Accepted steps, up to the first event that stops integration or changes the state, with all events on the way."""
 
-    state: State  #: after them
+    state: State  #: after the last of them
     watch: EventState
-    made: int = 0  #: how many
+    made: int = 0  #: number of accepted steps
     occurrences: tuple[Occurrence, ...] = ()
-    stopping: tuple[Crossing, ...] = ()  #: at the end of the last step, that end the integration or change the state
-    ended: Failure | None = None  #: why there are no more: a failure, or a terminal event
+    stopping: tuple[Crossing, ...] = ()  #: events at the last step's end that stop the run or change the state
+    ended: Failure | None = None  #: why the run ends here: a failure or a terminal event; None: it goes on
 
 
-Cut = tuple[Attempt, Crossing]  # a step made shorter to end at an event, and that
+Cut = tuple[Attempt, Crossing]  # a step shortened to end at an event, and that event
 
 
 @dataclass(kw_only=True)
 class Stepper:
-    """How an integration goes on from a state."""
+    """Advances a state with an engine, a plan of steps and events."""
 
     engine: Engine
     plan: Plan
     events: tuple[Event, ...] = ()
 
     def advance(self, state: State, watch: EventState, stop: float, rows: Matrix, horizon: float | None = None) -> Accepted:
-        """At most as many accepted steps towards ``stop`` [s] as there are ``rows`` to write to, up to an event in one.
+        """Take at most ``len(rows)`` accepted steps towards ``stop`` [s], ending at the first event found.
 
-        A spent budget and a value that is not finite are failures like others.  A first step does not pass ``horizon`` [s].
+        Steps are written to ``rows``.  A spent budget and a value that is not finite are returned as failures.  The first
+        step of a motion does not pass ``horizon`` [s].
         """
         try:
             return self._advance(state, watch, stop, rows, stop if horizon is None else horizon)
         except BudgetSpent as spent:
             return Accepted(state, watch, ended=budget_failure(spent, state.t))
-        except NonFiniteValue as error:  # of an event function, or of the look at a motion's start
+        except NonFiniteValue as error:  # of an event function, or where a first step is chosen
             text = f"{error}, in the step from t = {exact(state.t)}"
             return Accepted(state, watch, ended=Failure(Status.nonfinite_callback, text))
 
@@ -114,7 +115,7 @@ class Stepper:
         return Accepted(state, watch, ended=failure_of(engine, self.plan, state, ended))
 
     def _begun(self, watch: EventState, state: State, h: float) -> EventState:
-        """``watch`` with the values of the event functions at ``state``, a start or changed, before a step of ``h`` [s]."""
+        """``watch`` with the event functions evaluated at ``state`` (a start, or changed), before a step of ``h`` [s]."""
         if watch.values is None:
             values = starting_values(self.events, state, h, self.engine.work)
         else:
@@ -122,7 +123,7 @@ class Stepper:
         return replace(watch, values=values, sides=(), ahead=h)
 
     def _raise_nonfinite(self) -> None:
-        """Raise for the event function that was not finite where the loops have evaluated it last."""
+        """Raise for the event function whose last value in the loops was not finite."""
         n = self.engine.structure.n
         (t,), q, v = np.split(self.engine.loops.section(mem.PLACE), [1, 1 + n])
         for event in self.events:
@@ -130,7 +131,7 @@ class Stepper:
         raise NonFiniteValue("an event function", (), float("nan"), float(t))
 
     def after_events(self, accepted: Accepted) -> Accepted:
-        """``accepted`` with the changes that events make at its end; a terminal one, or a failed change, has ended it."""
+        """Apply the state changes of events at the end of ``accepted``; a terminal event or a failed change ends the run."""
         state, watch, ended = accepted.state, accepted.watch, accepted.ended
         if not accepted.stopping:
             return accepted
@@ -149,9 +150,9 @@ class Stepper:
         return accepted._replace(state=state, watch=watch, ended=ended)
 
     def _changed(self, state: State, sides: list[int], h: float) -> State | Failure:
-        """A first state at the time of ``state``, from what events make of q and v, each projected by (H20).
+        """Apply the changes of all events with nonzero ``sides``, project by (H20), and compute a first state there.
 
-        ``sides`` (k,): those from which the motion came to the events that change it, 0 for others; those after it then.
+        ``sides`` (k,): sign of each changing event function before its change, 0 for others; overwritten by that after it.
         """
         changing = [(i, event) for i, event in enumerate(self.events) if sides[i]]
         where = f"after the change by event {', '.join(repr(event.name) for _, event in changing)} at t = {exact(state.t)}"
@@ -175,7 +176,7 @@ class Stepper:
         return replace(new, size_q=max(new.size_q, state.size_q), size_v=max(new.size_v, state.size_v))
 
     def _with_events(self, before: State, watch: EventState, rows: Matrix) -> Accepted:
-        """The step that the loops have tried, up to its first event that stops it."""
+        """Accept the step last tried in the loops, shortened to end at its first stopping event."""
         engine, cut = self.engine, None
         now = engine.attempted()
         h, (values_before, roundoff) = float(now[0][mem.T_END]) - before.t, np.split(watch.values, 2)  # type: ignore[arg-type]
@@ -206,14 +207,14 @@ class Stepper:
             engine.put_back(now)
             if engine.loops.call(look) == mem.EVENT_NONFINITE:
                 self._raise_nonfinite()
-        text = f"in the step from t = {exact(before.t)} with h = {h:g} each look shows an event before the last"
+        text = f"in the step from t = {exact(before.t)} with h = {h:g} every search finds a still earlier event"
         return Accepted(before, watch, ended=Failure(Status.time_resolution, f"{text}; take shorter steps."))
 
     def _at_once(self, before: State, watch: EventState, output: HermiteOutput, found: Sequence[Crossing]) -> Accepted:
-        """No step: ``found`` changes ``before``, which is beside its zero.
+        """Apply the events ``found`` at ``before`` itself without a step, since it starts at their zero.
 
-        An event that has changed the state at this time already does so again where the change by another one leads back to
-        it, as between three bodies that meet together; else changes pile up.
+        An event may change the state twice at one time if another event's change leads back to its zero, as between three
+        bodies that collide together; otherwise the run ends because changes pile up.
         """
         again = [repr(self.events[c.index].name) for c in found if self._piles_up(c, before, watch)]
         if again:
@@ -224,12 +225,12 @@ class Stepper:
     def _piles_up(self, crossing: Crossing, before: State, watch: EventState) -> bool:
         times = watch.changed.count(crossing.index)
         leaving = partial(is_leaving, self.events[crossing.index], -crossing.side, before, watch.ahead, self.engine.work)
-        return times > MOST_AT_ONCE or (times > 0 and not leaving())
+        return times > MAX_CHANGES_AT_ONCE or (times > 0 and not leaving())
 
     def _cut_first(self, before: State, now: Attempt, found: list[Crossing], counts: tuple[int, ...]) -> Cut | None:
-        """The shorter step to the first of ``found`` that stops, None where that is at the end or there is none.
+        """The shorter step that ends at the first stopping event of ``found``; None if that is the step's end or none stops.
 
-        What only the interpolant crosses is removed from ``found``.
+        Crossings of the interpolant that no shorter step confirms are removed from ``found``.
         """
         while (first := next((c for c, _, stops in self._counted(found, counts) if stops), None)) is not None:
             if first.t == now[0][mem.T_END]:
@@ -241,7 +242,7 @@ class Stepper:
         return None
 
     def _counted(self, found: Sequence[Crossing], counts: tuple[int, ...]) -> Iterator[tuple[Crossing, int, bool]]:
-        """Each with the number of its occurrence, and whether it ends the integration or changes the state."""
+        """Yield each crossing with its occurrence number and whether it stops the run or changes the state."""
         numbers = list(counts)
         for crossing in found:
             event = self.events[crossing.index]
@@ -258,7 +259,7 @@ class Stepper:
         return Accepted(state, replace(watch, counts=tuple(counts)), 1, events, stopping)
 
     def _state_at(self, t: float, output: HermiteOutput) -> tuple[Vector, Vector, str]:
-        """q and v (n,) at ``t`` of the dense output of one step, on the constraints as its ends are; what to say of them."""
+        """q and v (n,) at ``t`` in one step's dense output, projected onto the constraints, and a warning if that failed."""
         q, v = (np.atleast_2d(x) for x in output(t))
         if t in output.t or not (self.engine.structure.constrained and self.engine.method.coefficients.both_levels):
             return q[0], v[0], ""
@@ -267,7 +268,7 @@ class Stepper:
 
 
 def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Crossing]:
-    """``found`` in a step that was made to end at the event of ``cut``: the last one of that is at its end."""
+    """``found`` with the crossing that the step was shortened for moved to its end at ``end`` [s]."""
     if cut is None:
         return list(found)
     (_, located), result = cut, list(found)
@@ -278,7 +279,7 @@ def _with_cut(found: Sequence[Crossing], cut: Cut | None, end: float) -> list[Cr
 
 
 def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
-    """Of the step from ``state`` that the loops tried last and left with ``ended``."""
+    """Failure for the step last tried from ``state``, which the loops left with code ``ended``."""
     numbers, by_error = engine.loops.section(mem.ATTEMPT), plan.by_error
     h, t = float(numbers[mem.H_TRIED]), state.t
     where = f"in the step from t = {exact(t)} with h = {h:g}"
@@ -301,13 +302,13 @@ def failure_of(engine: Engine, plan: Plan, state: State, ended: int) -> Failure:
 
 
 def by_times(plan: ByError, t: float) -> bool:
-    """Whether the spacing of times at ``t`` [s], and not ``min_step``, is what steps cannot be shorter than."""
+    """True if the spacing of floating-point times at ``t`` [s], not ``min_step``, limits how short steps can be."""
     o = plan.options
     return o.min_step < o.spacings * float(np.spacing(abs(t)))
 
 
 def off_at_start(engine: Engine, state: State) -> Failure | None:
-    """That ``state`` is a start off its constraints by what counts as consistent, but not at such tolerances; else None."""
+    """Failure if ``state`` is a start whose constraint violation exceeds what the tolerances allow; else None."""
     if state.h is not None or not engine.structure.constrained:
         return None
     levels, place = of_dynamics(engine.dynamics).levels, Place(state.t, state.q, state.v)
@@ -319,7 +320,7 @@ def off_at_start(engine: Engine, state: State) -> Failure | None:
 
 
 def _too_large(plan: ByError, before: State, numbers: np.ndarray, roundoff: bool) -> Failure:
-    """The error of the last step that was tried is more than what is allowed."""
+    """Failure because the last step tried had an error above the tolerances."""
     t, h, error = before.t, abs(float(numbers[mem.H_TRIED])), float(numbers[mem.ERROR_SIZE])
     text = f"at t = {exact(t)} the error of a step of {h:.3g} s is {error:.3g} times what the tolerances allow"
     first = float(numbers[mem.FIRST_H])

@@ -1,4 +1,4 @@
-"""Stepping by hand: where it stands, and one call of ``HHT.step``."""
+"""Stepping by hand: its state, and one call of ``HHT.step``."""
 
 from __future__ import annotations
 
@@ -32,40 +32,40 @@ from solvers.kernel.memory import Memory, integer_view, view
 
 MAX_STEPS = 1_000_000  # under error control, unless max_num_steps says otherwise: every loop ends
 METHODS = ("onestep", "normal")
-LIGHT = 20_000  # numbers of the loops' memory that are copied in less time than a State takes to make
-HORIZON = 1.0  # [s]: where neither t nor tstop says how far to go, the first step is no longer
+MAX_COPIED = 20_000  # numbers of the loops' memory that are copied faster than a State is built
+HORIZON = 1.0  # [s] bound on the first step where neither t nor tstop is given
 
 
 @dataclass(frozen=True, kw_only=True)
 class IntegratorState:
-    """Where stepping by hand stands: all that the next step depends on."""
+    """State of stepping by hand: all that the next step depends on."""
 
-    place: Place  #: where it began: it selects the engine
+    place: Place  #: initial point; selects the engine
     state: State
     step: float | None  #: constant signed step [s]; None: error control
     tolerances: Tolerances | None  #: under error control
     watch: EventState
     last: HermiteOutput  #: the last step; one row before the first
-    direction: float = 0.0  #: of time, 1 or -1; 0: not known before the first step
+    direction: float = 0.0  #: direction of time, 1 or -1; 0: not known before the first step
     fell_back: bool = False  #: whether the engine has replaced the declared derivatives
     message: str = ""
-    occurrences: tuple[Occurrence, ...] = ()  #: of the last call
+    occurrences: tuple[Occurrence, ...] = ()  #: events of the last call
     tally: Counter[str] = field(default_factory=Counter)  #: work since the start
-    output: Counter[str] = field(default_factory=Counter)  #: of it, what states at events have cost
+    output: Counter[str] = field(default_factory=Counter)  #: part of it spent on states at events
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What one call of ``HHT.step`` is to do."""
+    """Checked arguments of one call of ``HHT.step``."""
 
     t: float | None
     normal: bool  #: step until ``t`` is reached or passed
     tstop: float | None
-    ahead: float  #: direction of time: the one in use, or towards what the first call names
+    ahead: float  #: direction of time, 1 or -1
 
 
 def begun(place: Place, state: State, step: float | None, tolerances: Tolerances | None, events: int) -> IntegratorState:
-    """Before the first step."""
+    """The integrator state before the first step."""
     return IntegratorState(
         place=place,
         state=state,
@@ -78,7 +78,7 @@ def begun(place: Place, state: State, step: float | None, tolerances: Tolerances
 
 
 def stepper_of(engine: Engine, integrator: IntegratorState, options: ControlOptions, events: tuple[Event, ...]) -> Stepper:
-    """How ``integrator`` goes on."""
+    """The stepper that continues ``integrator``."""
     plan: Plan = Constant(integrator.step or 0.0)
     if integrator.tolerances is not None:
         plan = ByError(integrator.tolerances, options)
@@ -86,7 +86,7 @@ def stepper_of(engine: Engine, integrator: IntegratorState, options: ControlOpti
 
 
 def make_goal(t: Any, method: Any, tstop: Any, integrator: IntegratorState) -> Goal:
-    """The arguments of ``HHT.step``, checked.
+    """Check the arguments of ``HHT.step``.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def make_goal(t: Any, method: Any, tstop: Any, integrator: IntegratorState) -> G
 
 
 def take(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[IntegratorState, Status]:
-    """One step, or steps until ``goal.t`` is reached; on a failure the steps before it count."""
+    """Take one step, or steps until ``goal.t`` is reached; on a failure the steps before it are kept."""
     integrator = replace(integrator, direction=goal.ahead, message="", occurrences=())
     for _ in range(MAX_STEPS):
         if goal.normal and (goal.t - integrator.state.t) * goal.ahead <= 0:  # type: ignore[operator]
@@ -141,7 +141,7 @@ def _one(stepper: Stepper, integrator: IntegratorState, goal: Goal) -> tuple[Int
 
 
 def _with_cause(engine: Engine, ended: Failure, state: State, integrator: IntegratorState) -> Failure:
-    """How stepping has ``ended`` at ``state``, with its cause where that is known."""
+    """``ended`` with its cause, if that is found."""
     last, tolerances = integrator.last, integrator.tolerances
     position = cause_of(engine, ended, places_of(last.t[:, None], last.q, last.v))
     if not isinstance(position, Failure):
@@ -151,43 +151,43 @@ def _with_cause(engine: Engine, ended: Failure, state: State, integrator: Integr
 
 
 def _horizon(integrator: IntegratorState, goal: Goal) -> float:
-    """[s] which the first step, or the first after a change, does not pass.
+    """Time [s] that the first step, or the first after a change of state, does not pass.
 
-    t counts at the start only: later on, where output is asked for changes no step.
+    t is used at the start only; later, output times change no step.
     """
     t = goal.t if integrator.last.t.size == 1 else None
     return next((x for x in (goal.tstop, t) if x is not None), integrator.state.t + goal.ahead * HORIZON)
 
 
 def _output(before: State, accepted: Accepted, after: State) -> HermiteOutput:
-    """Dense output of one step, with the state after a change as its last row, or that alone where no step was made."""
+    """Dense output of one step, with the state after a change as last row, or that alone if no step was made."""
     rows: tuple[State, ...] = (before, accepted.state, after) if accepted.made else (after,)
     rows = rows[:2] if after is accepted.state else rows
     return HermiteOutput(*(np.array([getattr(row, name) for row in rows]) for name in ("t", "q", "v")))
 
 
 def onward(stepper: Stepper, integrator: IntegratorState) -> Onward | None:
-    """Where it can be done; the first step is the :class:`Stepper`'s, as is every one of which there is something to say."""
+    """Fast stepping inside the loops; None where it is not possible: a first step, events, or a message to give."""
     engine, plan, state = stepper.engine, stepper.plan, integrator.state
     if stepper.events or state.h is None or engine.loops.held is not state or engine.loops.call_python:
         return None
     if plan.by_error is not None and (not state.controlled or not plan.by_error.tolerances.above_roundoff):
         return None
-    return Onward(engine, plan, integrator.direction) if engine.loops.z.w.size <= LIGHT else None
+    return Onward(engine, plan, integrator.direction) if engine.loops.z.w.size <= MAX_COPIED else None
 
 
 class Onward:
-    """One step after the other by the loops alone, from the state in their memory; it becomes a State when it is read.
+    """Steps by the loops alone, from the state in their memory, which becomes a State only when it is read.
 
-    For machine code that calls no Python, without events: all that a State and its next step's arguments are made of takes
-    twenty times as long as the step of a pendulum.
+    For machine code that calls no Python, without events: building a State and the next step's arguments takes twenty
+    times as long as the step of a pendulum.
     """
 
     def __init__(self, engine: Engine, plan: Plan, direction: float) -> None:
         self._loops, self._work, self._plan = engine.loops, engine.work, plan
         z, self._row = engine.loops.z, np.zeros((1, row_layout(engine.structure).columns))
         self._length, self._end = np.zeros(1), np.zeros(1)
-        self._counts = integer_view(z, mem.COUNTED)  # since the last State
+        self._counts = integer_view(z, mem.COUNTED)  # counts since the last State
         stop = math.copysign(math.inf, direction)
         self._call = march.following(z, engine.control, stop, self._length, self._end, self._row)
         self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i)
@@ -197,15 +197,15 @@ class Onward:
         engine.loops.ready(controlled=plan.by_error is not None, fallback=engine.fallible)
 
     def goes_on(self, integrator: IntegratorState) -> bool:
-        """Whether the memory holds what ``integrator`` does, or what has followed from it."""
+        """True if the memory holds the state of ``integrator``, or one that followed from it."""
         return self._made() > 0 or self._loops.held is integrator.state
 
     def _made(self) -> int:
-        """Steps since the last State; an interrupt after one leaves it made."""
+        """Number of steps since the last State; a step followed by an interrupt counts."""
         return int(self._counts[mem.ACCEPTED])
 
     def step(self) -> bool:
-        """Whether a step was made; if not everything is as before."""
+        """Take a step; True if it was accepted, else the memory is as before."""
         if isinstance(self._plan, Constant):
             t = float(self._number[mem.T])
             h = representable(t, self._plan.h)
@@ -221,7 +221,7 @@ class Onward:
         return False
 
     def settled(self, integrator: IntegratorState) -> IntegratorState:
-        """``integrator`` after the steps that were made since then, and their work counted."""
+        """``integrator`` advanced by the steps made since the last State, with their work counted."""
         if not self._made():
             return integrator
         before = Memory(*self._starts[(self._made() - 1) % 2])

@@ -1,1 +1,1 @@
-"""One attempt at a step: the loops' memory, Newton's iteration, acceptance."""
+"""One attempt at a step: Newton's iteration, stopping tests, acceptance."""

@@ -1,4 +1,4 @@
-"""One attempt at a step: known values, guess, Newton's iteration, the end of the step, and its acceptance."""
+"""One attempt at a step: predictor, Newton's iteration with retries, end of the step, its acceptance."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from solvers.kernel.memory import HIGHEST
 from solvers.kernel.numbers import TINY
 from solvers.kernel.sections import address, call, call_python, finite, largest, part, put, view
 
-LEAP = 1.25  # times what the change of accelerations makes of coordinates in a step: more may be another branch, (H58)
-LEAST_LEAP = 1e-6  # of the coordinate: less is no other branch
-LEAST_OF_ALL = 1e-8  # of the largest coordinate
-OF_THE_WAY = 0.25  # of the farthest that any coordinate departs from a straight motion: a branch switch is most of it
+LEAP = 1.25  # times the displacement by changing accelerations in a step: more may be another branch, (H58)
+MIN_LEAP = 1e-6  # relative to the coordinate: smaller leaps are no branch switch
+MIN_LEAP_OF_LARGEST = 1e-8  # the same relative to the largest coordinate
+MIN_LEAP_OF_BEND = 0.25  # the same relative to the largest departure of any coordinate from uniform motion
 WEIGHTS_OF = tuple(tuple(float(x) for x in weights) + (0.0,) * (HIGHEST - weights.size) for weights in EXTRAPOLATION)
 
 
 @compiled
 def start_weights(z: Any, h: Any) -> Any:
-    """Weights of a - f, of f and of a1 in a0, (H11), (H12); 1 first: a itself."""
+    """Weights of (a - f, f, a1) in a0, (H11), (H12); (1, 1, 0) takes a itself."""
     last = part(z, mem.NUMBER)[mem.H]
     if last == 0.0 and z.i[mem.TRAPEZOIDAL]:
         of_f, from_end = trapezoidal_start(part(z, mem.CONSTANTS)[mem.ALPHA], 1.0)
@@ -37,7 +37,7 @@ def start_weights(z: Any, h: Any) -> Any:
 
 @compiled
 def guess(z: Any, h: Any) -> None:
-    """Unknowns to begin with: extrapolated from steps of this length, else those of the last, (H46)."""
+    """Predict the unknowns by extrapolation from steps of equal length; else take those of the last step, (H46)."""
     x, last, before, number = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.NUMBER)
     size, count, degree = x.size, int(number[mem.KNOWN]) - 1, 0
     if count < 0:
@@ -59,7 +59,7 @@ def guess(z: Any, h: Any) -> None:
 
 @compiled
 def best_degree(z: Any, count: Any) -> Any:
-    """The degree of the extrapolation from ``count`` earlier steps that would have met the last unknowns best."""
+    """Degree of the extrapolation over ``count`` earlier steps that would have predicted the last unknowns best."""
     last, earlier, lam0, lam1, m = part(z, mem.X_LAST), part(z, mem.X_EARLIER), z.i[mem.O_LAM0], z.i[mem.O_LAM1], z.i[mem.M]
     size = last.size
     e0 = e1 = e2 = e3 = e4 = 0.0
@@ -86,7 +86,7 @@ def best_degree(z: Any, count: Any) -> Any:
 
 @compiled
 def plain_guess(z: Any, level: Any) -> None:
-    """Unknowns from the state alone: its accelerations, and the [lam, mu, v'] that stand in the memory at ``level``."""
+    """Predict the unknowns from the state alone: its accelerations, and [lam, mu, v'] stored at address ``level``."""
     x, f, n, m, p = part(z, mem.X), part(z, mem.F), z.i[mem.N], z.i[mem.M], z.i[mem.P]
     lam, vdot = view(z.w, level, m), view(z.w, level + m + p, n)
     for i in range(x.size):
@@ -114,15 +114,15 @@ def plain_guess(z: Any, level: Any) -> None:
 
 @compiled
 def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
-    """How an attempt at a step of h [s] to t1 ended; what it found is in X, END and ATTEMPT.
+    """Try a step of h [s] to t1; returns its ending code, results in X, END and ATTEMPT.
 
-    A failure is retried from the plain guess with fresh matrices, by whole increments, which stiff springs that turn need,
-    and then by damped ones, which friction that is nearly a jump needs.
+    A failure is retried from the plain guess with fresh matrices: undamped, as turning stiff springs need, then damped, as
+    nearly discontinuous friction needs.
     """
     number, tried = part(z, mem.NUMBER), part(z, mem.ATTEMPT)
     size_q, size_v, acceleration = number[mem.SIZE_Q], number[mem.SIZE_V], largest(part(z, mem.VDOT))
     tried[mem.H_TRIED], tried[mem.T_END] = h, t1
-    if h * h == 0.0:  # of no number that multipliers over h^2 could be
+    if h * h == 0.0:  # multipliers over h^2 would overflow
         return mem.NO_ADVANCE
     step = part(z, mem.STEP)
     step[0], step[1] = h, t1
@@ -154,7 +154,7 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def look_ahead(z: Any, acceleration: Any) -> None:
-    """Extrapolate the multipliers of (H55) to the end of the step, where the method does; ``acceleration``: largest now."""
+    """Extrapolate the multipliers of (H55) to the step's end, if the method does; ``acceleration``: largest |v'| now."""
     ahead, number = part(z, mem.LAM_AHEAD), part(z, mem.NUMBER)
     if ahead.size == 0:
         return
@@ -164,9 +164,9 @@ def look_ahead(z: Any, acceleration: Any) -> None:
 
 @compiled
 def multipliers_anew(z: Any, h: Any, counts: Any) -> Any:
-    """Where [lam, mu, v'] of the state stand: after a far shorter step its own are roundoff over h^2, and found anew.
+    """Address of [lam, mu, v'] for a guess; solved for again after a far shorter step, where they are roundoff over h^2.
 
-    They serve a guess only: error estimates compare with those of the last step.
+    Only the guess uses them: error estimates compare with those of the last step.
     """
     place, last = part(z, mem.PLACE), abs(part(z, mem.NUMBER)[mem.H])
     if z.i[mem.M] + z.i[mem.P] > 0 and 0.0 < last < MUCH_SHORTER * abs(h):
@@ -179,9 +179,9 @@ def multipliers_anew(z: Any, h: Any, counts: Any) -> Any:
 
 @compiled
 def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
-    """The state after a step whose unknowns converged, into END; how the attempt ended in the end.
+    """Compute the state at the end of the step into END and check it; returns the final ending code.
 
-    Also where they did not: that place tells which function is not finite.
+    Also after a failure: the place shows which function is not finite.
     """
     compute_end(z)
     if ended == mem.CONVERGED and z.i[mem.VARIABLE]:
@@ -202,7 +202,7 @@ def finished(z: Any, ended: Any, t1: Any, counts: Any) -> Any:
 
 @compiled
 def switches_branch(z: Any) -> Any:
-    """Whether END is where neither velocities nor forces take q, (H58): constraints have other solutions."""
+    """True if the step has jumped to another branch of the constraints, where velocities and forces do not lead, (H58)."""
     n, q, v, end, off = z.i[mem.N], part(z, mem.Q), part(z, mem.V), part(z, mem.END), part(z, mem.LEAP)
     tried = part(z, mem.ATTEMPT)
     for i in range(n):
@@ -218,7 +218,7 @@ def switches_branch(z: Any) -> Any:
 
 @compiled
 def branch_switch(z: Any) -> Any:
-    """The first coordinate of LEAP that is as large as in (H58), or -1."""
+    """First coordinate whose entry of LEAP exceeds the bound (H58), or -1."""
     n, tried, typical, q, v = z.i[mem.N], part(z, mem.ATTEMPT), part(z, mem.TYPICAL), part(z, mem.Q), part(z, mem.V)
     end, off, vdot, h = part(z, mem.END), part(z, mem.LEAP), part(z, mem.VDOT), tried[mem.H_TRIED]
     most, share, departed = 0.0, 0.0, 0.0
@@ -226,17 +226,17 @@ def branch_switch(z: Any) -> Any:
         bent = abs(h * (end[n + i] - v[i] - h * vdot[i]))
         most, share = max(most, bent), max(share, bent / max(abs(q[i]), abs(end[i]), TINY))
         departed = max(departed, abs(end[i] - q[i] - h * v[i]))
-    factor, least = part(z, mem.CONSTANTS)[mem.LEAST_OFF], max(LEAST_OF_ALL * typical[0], OF_THE_WAY * departed)
+    factor, least = part(z, mem.CONSTANTS)[mem.LEAST_OFF], max(MIN_LEAP_OF_LARGEST * typical[0], MIN_LEAP_OF_BEND * departed)
     for i in range(n):
         bent, size = abs(h * (end[n + i] - v[i] - h * vdot[i])), max(abs(q[i]), abs(end[i]))
-        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), LEAST_LEAP * size, least):
+        if abs(off[i]) > max(factor * bent, factor * min(most, share * size), MIN_LEAP * size, least):
             return i
     return -1
 
 
 @compiled
 def accept(z: Any, row: Any) -> None:
-    """Make the end of the attempt the state, and write it to ``row`` as ``run.history.History`` keeps it."""
+    """Make the end of the attempt the current state, and write it to ``row`` in the layout of ``run.history.History``."""
     n, m, p, x, end, number = z.i[mem.N], z.i[mem.M], z.i[mem.P], part(z, mem.X), part(z, mem.END), part(z, mem.NUMBER)
     tried = part(z, mem.ATTEMPT)
     h, t1, lu = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])

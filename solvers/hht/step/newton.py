@@ -1,7 +1,7 @@
-"""Newton's iteration for one step: one factorisation kept while it contracts, convergence judged where it counts.
+"""Newton's iteration for one step: a factorisation is reused while it contracts; convergence is tested on q1 and v1.
 
-The test takes increments of q1 and v1 relative to typical sizes (H15).  Increments of a and of the multipliers do
-not serve: they carry roundoff of g divided by h^2 and stop shrinking near h = 1e-4 for a pendulum of metres.
+The test takes increments of q1 and v1 relative to typical sizes, (H15).  Increments of a and of the multipliers are not
+tested: they carry roundoff of g divided by h^2 and stop shrinking near h = 1e-4 for a pendulum of metres.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from solvers.kernel.compiled import compiled
 from solvers.kernel.linear.matrix import renew, step_back
 from solvers.kernel.sections import part, put, spend
 
-BLINDED = 1e-8  # increments up to it are not halved: roundoff of a and lam hides whether the next is smaller
+MIN_DAMPED = 1e-8  # smaller increments are not halved: roundoff of a and lam hides whether the next is smaller
 CONSTRAINT_COST = 5.0  # of a matrix, in iterations of the constraint rows alone, whose machine code evaluates no force
-FORGOTTEN = 0.95  # what counts, a step later, of the cost of a step that began with a stored matrix
-LEAST_RATE = 1e-3  # a first increment far too long makes the next look like contraction: no ratio counts as less
-SECOND = 0.5  # what of an increment remains two later at most, if increments are taken whole, (H29)
-MAX_DAMPED = 40  # increments of the retry
+COST_DECAY = 0.95  # factor per step on the remembered cost of a step that began with a stored matrix
+MIN_RATE = 1e-3  # smaller ratios of increments count as this: a first one far too long feigns contraction
+TWO_STEP_RATE = 0.5  # largest ratio of an increment to the one two before it for undamped iteration, (H29)
+MAX_DAMPED = 40  # increments of the damped retry
 MAX_HALVINGS = 12  # of one damped increment: 2^-12 of a step that fails is no progress
 
 
@@ -39,46 +39,46 @@ class NewtonOptions:
     """Heuristic constants of the iteration."""
 
     tolerance: float = 1e-13  #: error left in q1, v1 over typical sizes: just above roundoff, both levels then hold to it
-    margin: float = 0.01  #: of a predicted error: contraction is measured on the whole step, single rows are slower
+    margin: float = 0.01  #: safety factor on a predicted error: single rows contract slower than the whole
     stagnation: float = 1e-10  #: increments over typical sizes up to which one that stops shrinking is roundoff
-    stalled: float = 0.5  #: contraction of a matrix at the very iterate from which it counts as none
+    stalled: float = 0.5  #: contraction with a fresh matrix from which the iteration counts as stalled
     other_step: float = 0.01  #: relative change of h from which a stored matrix is not used: it misjudges every increment
     refresh_rate: float = 0.02  #: contraction above which a new matrix costs less than the iterations it saves
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
     matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
-    remaining: float = 0.01  #: of what is allowed of a step, left in force rows under error control, (H35); 0: roundoff
-    stiff: float = 10.0  #: of an increment: a larger imbalance is of stiff directions, which may have turned since
-    finest: float = 1e-5  #: relative tolerance below which they go to roundoff all the same: that takes hardly more
+    remaining: float = 0.01  #: share of the step's tolerance left in force rows, (H35); 0: iterate to roundoff
+    stiff: float = 10.0  #: imbalance over increment from which directions are stiff: they may have turned since
+    finest: float = 1e-5  #: rtol below which force rows are iterated to roundoff: that costs hardly more
     max_iterations: int = 15  #: with a stored matrix; a fresh one needs 2 to 4
 
 
-# What is iterated: all rows to roundoff; or all rows until the force rows may stop, (H35), then the constraint rows alone.
+# Rows iterated: all to roundoff; or all until the force rows meet (H35), then the constraint rows alone.
 ALL_ROWS, UNTIL_ALLOWED, CONSTRAINTS = range(3)
-DONE, STALL, GO_ON, RENEW, RENEW_HERE, GIVE_UP, FORCES_DONE, ALL_AGAIN = range(8)  # after an increment
+DONE, STALL, GO_ON, RENEW, RENEW_HERE, DIVERGES, FORCES_DONE, ALL_AGAIN = range(8)  # decisions after an increment
 
 
 class Iteration(NamedTuple):
-    """Where Newton's iteration stands."""
+    """State of Newton's iteration after an increment."""
 
-    rows: int  #: that are iterated
-    lu: int  #: of the matrix; -1: one at the iterate is to be made
-    fresh: bool  #: it was made in this step
-    size: float  #: of the last increment: largest change of q1 and v1 over typical sizes, (H15)
-    rate: float  #: that over the one before it, by this matrix; 0: the first
-    worst: float  #: largest rate seen with this matrix: one lucky ratio is no rate
+    rows: int  #: which rows are iterated: ALL_ROWS, UNTIL_ALLOWED or CONSTRAINTS
+    lu: int  #: index of the factorisation; -1: factorise at the next iterate
+    fresh: bool  #: the factorisation was made in this step
+    size: float  #: size of the last increment: largest change of q1 and v1 over typical sizes, (H15)
+    rate: float  #: ratio of the last two sizes with this matrix; 0: there is one increment only
+    worst: float  #: largest rate seen with this matrix
     first: float  #: size of the first increment by this matrix
-    taken: int  #: increments after that
-    stagnated: bool  #: one at the very iterate has not shrunk the increment already
+    taken: int  #: number of increments after the first
+    stagnated: bool  #: a matrix at the iterate has already failed once to shrink the increment
 
 
-FRESH = 2.0  # iterations with a matrix at the iterate
+FRESH_ITERATIONS = 2.0  # iterations that a step with a fresh matrix takes
 
 
 @compiled
 def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
-    """(how it ended, place of the last matrix, its worst contraction); ``stored`` is that of the state's matrix, or -1.
+    """Solve the step by Newton's iteration; (ending code, index of the last factorisation, its worst contraction).
 
-    The stored matrix serves as long as it contracts; a matrix at the iterate takes its place where it does not.
+    ``stored``: index of the state's factorisation, or -1.  It is used while it contracts, then replaced by a fresh one.
     """
     i, spare = begun(z, stored, h), 1 - stored if stored >= 0 else 0
     kept = i.lu >= 0
@@ -103,7 +103,7 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
             continue
         i = incremented(i, moved)
         decision = judged(z, i, counts)
-        if decision == GIVE_UP:
+        if decision == DIVERGES:
             return mem.DIVERGED, -1, 0.0
         if decision not in (RENEW_HERE, ALL_AGAIN):
             step_back(z)
@@ -116,7 +116,7 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
 
 @compiled
 def begun(z: Any, stored: Any, h: Any) -> Any:
-    """The iteration before the first increment."""
+    """Initial state of the iteration: which rows to iterate and whether to use the ``stored`` factorisation."""
     lu, worst = stored, 0.0
     unmeasured(z)
     rows = UNTIL_ALLOWED if z.i[mem.STOPS_EARLY] else ALL_ROWS
@@ -124,7 +124,7 @@ def begun(z: Any, stored: Any, h: Any) -> Any:
         record, o = part(z, mem.RECORD + lu), part(z, mem.CONSTANTS)
         worst = record[mem.RATE]
         slow = rows == UNTIL_ALLOWED and worst > o[mem.REFRESH_RATE]  # fewer increments than to roundoff tell less of it
-        dear = record[mem.KEPT_COST] > FRESH + o[mem.MATRIX_COST] > FRESH
+        dear = record[mem.KEPT_COST] > FRESH_ITERATIONS + o[mem.MATRIX_COST] > FRESH_ITERATIONS
         if slow or dear or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
             lu, worst = -1, 0.0
     return Iteration(rows, lu, False, math.inf, 0.0, worst, 0.0, 0, False)
@@ -132,19 +132,19 @@ def begun(z: Any, stored: Any, h: Any) -> Any:
 
 @compiled
 def cost_with_kept(z: Any, stored: Any, renewed: Any, taken: Any) -> Any:
-    """Iterations of a step that begins with the ``stored`` matrix: those ``taken`` by this one; 0: remembered."""
+    """Cost in iterations of a step begun with the ``stored`` matrix: ``taken`` now, or if 0 the remembered one, decayed."""
     o = part(z, mem.CONSTANTS)
     if taken > 0.0:
         return taken + o[mem.MATRIX_COST] if renewed else taken
-    return FORGOTTEN * part(z, mem.RECORD + stored)[mem.KEPT_COST] if stored >= 0 else 0.0
+    return COST_DECAY * part(z, mem.RECORD + stored)[mem.KEPT_COST] if stored >= 0 else 0.0
 
 
 @compiled
 def incremented(i: Any, size: Any) -> Any:
-    """The iteration after an increment of ``size``."""
+    """State of the iteration after an increment of ``size``."""
     seen = math.isfinite(i.size)  # only this step's own: the last step's may have been better
     rate = size / i.size if seen else 0.0
-    worst = max(rate, i.worst, LEAST_RATE)
+    worst = max(rate, i.worst, MIN_RATE)
     return Iteration(
         i.rows, i.lu, i.fresh, size, rate, worst, i.first if seen else size, i.taken + 1 if seen else 0, i.stagnated
     )
@@ -152,7 +152,7 @@ def incremented(i: Any, size: Any) -> Any:
 
 @compiled
 def after(i: Any, decision: Any) -> Any:
-    """The iteration after a ``decision`` that does not end it."""
+    """State of the iteration after a ``decision`` that continues it."""
     if decision == STALL:
         return Iteration(ALL_ROWS, -1, i.fresh, i.size, 0.0, 0.0, i.first, i.taken, True)
     if decision in (RENEW, RENEW_HERE):
@@ -167,13 +167,13 @@ def after(i: Any, decision: Any) -> Any:
 
 @compiled
 def with_new_matrix(i: Any) -> Any:
-    """The iteration with a matrix that is to be made: there is no rate by it yet."""
+    """State of the iteration that requests a new factorisation; contraction rates start anew."""
     return Iteration(i.rows, -1, i.fresh, math.inf, 0.0, 0.0, i.first, i.taken, i.stagnated)
 
 
 @compiled
 def judged(z: Any, i: Any, counts: Any) -> Any:
-    """What follows after an increment."""
+    """Decide what follows an increment: one of DONE, STALL, GO_ON, RENEW, RENEW_HERE, DIVERGES, FORCES_DONE, ALL_AGAIN."""
     o = part(z, mem.CONSTANTS)
     rate = i.worst if i.rate != 0.0 else 0.0
     if converged(z, i.size, rate) or (may_be_roundoff(z, i, counts) and converged(z, i.size, rate)):
@@ -187,7 +187,7 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
     if i.taken == 0:
         return GO_ON
     if i.fresh:
-        return GIVE_UP if i.rate > o[mem.WORST_RATE] else GO_ON
+        return DIVERGES if i.rate > o[mem.WORST_RATE] else GO_ON
     if not outworn(z, i):
         return GO_ON
     return RENEW if i.rate < 1.0 else RENEW_HERE
@@ -195,8 +195,8 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
 
 @compiled
 def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
-    """Whether the increment may be roundoff, which then is measured, at most once a step: that costs an iteration."""
-    shrinks = i.rate < part(z, mem.CONSTANTS)[mem.STALLED] and i.size > BLINDED
+    """Measure the roundoff of increments if the last one may consist of it, at most once a step; True if measured."""
+    shrinks = i.rate < part(z, mem.CONSTANTS)[mem.STALLED] and i.size > MIN_DAMPED
     if not z.i[mem.NOISY] or i.taken == 0 or part(z, mem.NOISE)[0] >= 0.0 or shrinks or not spend(z, counts):
         return False
     measure(z, i.lu, 0, counts)
@@ -205,10 +205,10 @@ def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
 
 @compiled
 def outworn(z: Any, i: Any) -> Any:
-    """Whether a new matrix costs less than the iterations that this one still takes."""
+    """True if a new matrix costs less than the iterations still needed with this one."""
     o, least = part(z, mem.CONSTANTS), enough(z)
     cost = o[mem.MATRIX_COST] if i.rows != CONSTRAINTS else max(o[mem.MATRIX_COST], CONSTRAINT_COST)
-    if cost > 0.0:  # told by the mean rate: single ratios alternate
+    if cost > 0.0:  # by the mean rate: single ratios alternate
         mean = (i.size / i.first) ** (1.0 / i.taken)
         return i.rate >= 1.0 or math.log(least / i.size) < cost * math.log(mean)
     return i.rate > o[mem.REFRESH_RATE] and i.size * i.rate > o[mem.MARGIN] * least  # else one more ends it
@@ -216,7 +216,7 @@ def outworn(z: Any, i: Any) -> Any:
 
 @compiled
 def restarted(z: Any, stored: Any, h: Any, damped: Any, counts: Any) -> Any:
-    """The same with a matrix at every iterate: whole increments while they contract, (H29), or ``damped`` ones."""
+    """Solve the step with a new matrix at every iterate; undamped while (H29) holds, or ``damped`` by halving."""
     o, spare = part(z, mem.CONSTANTS), 1 - stored if stored >= 0 else 0
     last, before, halvings = math.inf, math.inf, 0
     unmeasured(z)
@@ -232,8 +232,8 @@ def restarted(z: Any, stored: Any, h: Any, damped: Any, counts: Any) -> Any:
         if not math.isfinite(in_q + in_v):
             return mem.NONFINITE, -1, 0.0
         moved = scaled(z, in_q, in_v)
-        rate = moved / last if halvings == 0 else 0.0  # a halved increment tells no rate
-        ends = converged(z, moved, max(rate, LEAST_RATE) if rate != 0.0 else 0.0)
+        rate = moved / last if halvings == 0 else 0.0  # a halved increment gives no rate
+        ends = converged(z, moved, max(rate, MIN_RATE) if rate != 0.0 else 0.0)
         if ends or (rate >= o[mem.STALLED] and is_roundoff(z, spare, counts)):
             step_back(z)
             return mem.CONVERGED, spare, 0.0
@@ -241,7 +241,7 @@ def restarted(z: Any, stored: Any, h: Any, damped: Any, counts: Any) -> Any:
             halvings = halved(z, spare, moved, counts)
             if halvings < 0:
                 return -1 - halvings, -1, 0.0
-        elif moved > SECOND * before:
+        elif moved > TWO_STEP_RATE * before:
             return mem.DIVERGED, -1, 0.0
         else:
             step_back(z)
@@ -251,7 +251,7 @@ def restarted(z: Any, stored: Any, h: Any, damped: Any, counts: Any) -> Any:
 
 @compiled
 def halved(z: Any, lu: Any, moved: Any, counts: Any) -> Any:
-    """How often an increment is halved until the next one is smaller; -1 less how it ended where it never is."""
+    """Halve the increment until the next one is smaller; number of halvings, or -1 - code if none helps."""
     x, base, full, increment = part(z, mem.X), part(z, mem.BASE_X), part(z, mem.FULL), part(z, mem.INCREMENT)
     put(base, 0, x)
     put(full, 0, increment)
@@ -265,7 +265,7 @@ def halved(z: Any, lu: Any, moved: Any, counts: Any) -> Any:
         corrected(z, lu, mem.C_RESIDUAL, False, counts)
         next_size = length(increment, x.size)
         # the natural monotonicity test, independent of how rows are scaled; at the end roundoff of a, lam blinds it
-        if next_size < size or moved <= BLINDED:
+        if next_size < size or moved <= MIN_DAMPED:
             return halving
     return -1 - (mem.DIVERGED if math.isfinite(next_size) else mem.NONFINITE)
 

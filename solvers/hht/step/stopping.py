@@ -1,6 +1,6 @@
-"""When an increment is small enough: of all rows by (H15), under error control of the force rows by (H35).
+"""Stopping tests of Newton's iteration: all rows by (H15), under error control the force rows by (H35).
 
-Large systems measure what roundoff makes of one, (H30), with an evaluation that is counted.
+For large systems the roundoff of an increment is measured by one counted evaluation, (H30).
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from solvers.kernel.linear.matrix import correct, early, move, moved_by
 from solvers.kernel.numbers import EPS, TINY
 from solvers.kernel.sections import address, call, largest, part, put, spend, view, weighted_rms
 
-DRAWS = 12  # such subsets, of increments that do not shrink
-DRAWN = 2654435761, 15  # bits of products with the golden ratio: a random subset that is the same everywhere
-NOISE_MARGIN = 4.0  # times the measured roundoff: several sums take part, increments above it still shrink
-AT_ORIGIN = 1e-6  # of the way in a step: coordinates below it have no size of their own
-ROUNDOFFS = 16.0  # of q over the step: increments of v below them cannot be told from roundoff of the positions
+DRAWS = 12  # random subsets by which roundoff is measured once increments stop shrinking
+HASH = 2654435761, 15  # Knuth's multiplicative hash and a shift: a random subset that is the same on every machine
+NOISE_MARGIN = 4.0  # safety factor on the measured roundoff: increments above the product still shrink
+AT_ORIGIN = 1e-6  # relative to the displacement in a step: smaller coordinates have no size of their own
+ROUNDOFFS = 16.0  # increments of v below so many roundoffs of q over h are roundoff of the positions
 
 
 @compiled
 def typical_sizes(h: Any, size_q: Any, size_v: Any, accelerations: Any) -> Any:
-    """What is typical of q and v in a step of length ``h`` [s], for the convergence test, (H15).
+    """Typical sizes of q and v in a step of length ``h`` [s], for the convergence test, (H15).
 
-    What begins in the origin has the size of its way, and what is held at rest that of the forces that hold it.
+    A coordinate at the origin is measured by its displacement in the step, a velocity at rest by the forces that hold it.
     """
     of_q, of_v = max(size_q, h * size_v, TINY), max(size_v, h * accelerations, TINY)
     return (h * of_v if of_q < AT_ORIGIN * h * of_v else of_q), of_v
@@ -35,7 +35,7 @@ def typical_sizes(h: Any, size_q: Any, size_v: Any, accelerations: Any) -> Any:
 
 @compiled
 def scaled(z: Any, in_q: Any, in_v: Any) -> Any:
-    """Changes of q1 and v1 over typical sizes, (H15); of what is at rest in the origin the first change is typical."""
+    """Size of an increment: changes of q1 and v1 over typical sizes, (H15); at rest in the origin over the first change."""
     typical, own = part(z, mem.TYPICAL), part(z, mem.RECIPROCAL)
     if not math.isfinite(in_q + in_v):
         return math.nan
@@ -47,23 +47,24 @@ def scaled(z: Any, in_q: Any, in_v: Any) -> Any:
 
 @compiled
 def enough(z: Any) -> Any:
-    """Increments, over typical sizes, that need not shrink further: the tolerance, or roundoff where it is larger."""
+    """Size up to which an increment needs not shrink further: the tolerance, or measured roundoff if larger."""
     o, noise, own = part(z, mem.CONSTANTS), part(z, mem.NOISE), part(z, mem.RECIPROCAL)
     return max(o[mem.TOLERANCE], NOISE_MARGIN * max(noise[0] * own[0], noise[1] * own[1]))
 
 
 @compiled
 def converged(z: Any, moved: Any, rate: Any) -> Any:
-    """Whether the last increment, or with a margin what the contraction ``rate`` leaves of it, needs not shrink further."""
+    """True if the last increment, or the error predicted from it by the contraction ``rate``, is small enough."""
     least, margin = enough(z), part(z, mem.CONSTANTS)[mem.MARGIN]
     return moved <= least or (0.0 < rate < 1.0 and moved * rate <= margin * least * (1.0 - rate))
 
 
 @compiled
 def force_rows_end(z: Any, lu: Any, rate: Any) -> Any:
-    """Whether what the contraction ``rate`` leaves in the force rows is a small part of what is allowed of the step, (H35).
+    """True if the error left in the force rows is a small part of the step's tolerance, so that they may stop, (H35).
 
-    Of the increment, and of the imbalance before it; of that itself, where the matrix answers with far less.
+    Tested are the predicted error of the increment and the imbalance of forces before it; the predicted error of the latter
+    is not used where the imbalance is large against the increment.
     """
     o = part(z, mem.CONSTANTS)
     if not 0.0 < rate < 1.0:
@@ -78,7 +79,7 @@ def force_rows_end(z: Any, lu: Any, rate: Any) -> Any:
 
 @compiled
 def share_of_allowed(z: Any, lu: Any) -> Any:
-    """The last increment of q1 and v1 over what is allowed of the step, in the norm of (H26)."""
+    """Last increment of q1 and v1 over the step's tolerance, in the norm of (H26)."""
     tried = part(z, mem.ATTEMPT)
     if tried[mem.ROOT_TOLERANCE] == 0.0:  # what the start allows: the step's end is not known yet
         tried[mem.ROOT_TOLERANCE], _ = weigh(z, part(z, mem.Q), part(z, mem.V))
@@ -89,7 +90,7 @@ def share_of_allowed(z: Any, lu: Any) -> Any:
 
 @compiled
 def imbalance(z: Any) -> None:
-    """The accelerations left in the force rows before the last increment as changes of q1 and v1, into CHANGE."""
+    """Put the accelerations unbalanced in the force rows, as changes of q1 and v1, into CHANGE."""
     n, o, change, h = z.i[mem.N], part(z, mem.CONSTANTS), part(z, mem.CHANGE), part(z, mem.STEP)[0]
     rows = part(z, mem.RESIDUAL)
     if z.i[mem.KIND] == mem.KIND_INVERSE:
@@ -107,7 +108,7 @@ def imbalance(z: Any) -> None:
 
 @compiled
 def weigh(z: Any, q1: Any, v1: Any) -> Any:
-    """Put what is allowed of a step to q1, v1 into WEIGHTS; returns the root of the relative tolerance and the size of q."""
+    """Put the tolerances of a step to q1, v1 into WEIGHTS; returns the root of the relative tolerance and the size of q."""
     n, number, weights = z.i[mem.N], part(z, mem.NUMBER), part(z, mem.WEIGHTS)
     rtol, atol = part(z, mem.RTOL), part(z, mem.ATOL)
     size_q, size_v = max(number[mem.SIZE_Q], largest(q1)), max(number[mem.SIZE_V], largest(v1))
@@ -118,7 +119,7 @@ def weigh(z: Any, q1: Any, v1: Any) -> Any:
 
 @compiled
 def weigh_part(rtol: Any, atol: Any, before: Any, after: Any, size: Any, weights: Any) -> Any:
-    """Put what is allowed of q, or of v, of that ``size`` into ``weights`` (n,); returns the relative tolerance."""
+    """Put the tolerances of q, or of v, into ``weights`` (n,); returns the relative tolerance at that ``size``."""
     least = math.inf
     for i in range(weights.size):
         weights[i] = allowed(rtol[i], atol[i], before[i], after[i])
@@ -129,16 +130,16 @@ def weigh_part(rtol: Any, atol: Any, before: Any, after: Any, size: Any, weights
 
 @compiled
 def corrected(z: Any, lu: Any, code: Any, evaluated: Any, counts: Any) -> Any:
-    """A counted correction by ``code``."""
+    """Compute a correction by the residual function ``code`` and count it."""
     counts[mem.SOLVES] += 1
     return correct(z, lu, code, evaluated)
 
 
 @compiled
 def is_roundoff(z: Any, lu: Any, counts: Any) -> Any:
-    """Whether an increment that has stopped shrinking is roundoff of q and v.
+    """True if an increment that has stopped shrinking is roundoff of q and v.
 
-    Their sizes are those of both ends of the step, which are computed here: what rested until now has no size.
+    Sizes are taken at both ends of the step, since a system at rest before it has none.
     """
     number, h, o = part(z, mem.NUMBER), abs(part(z, mem.STEP)[0]), part(z, mem.CONSTANTS)
     n, end, own = z.i[mem.N], part(z, mem.END), part(z, mem.RECIPROCAL)
@@ -160,7 +161,7 @@ def is_roundoff(z: Any, lu: Any, counts: Any) -> Any:
 
 @compiled
 def compute_end(z: Any) -> None:
-    """The state after the step for the present iterate, into END."""
+    """Compute the state at the end of the step from the present iterate, into END."""
     x, given, known = address(z, mem.X), address(z, mem.STEP), address(z, mem.EARLY)
     if z.i[mem.KIND] == mem.KIND_INVERSE:
         call(z, mem.C_END, mem.END, (x, x, x, given, known))
@@ -170,10 +171,10 @@ def compute_end(z: Any) -> None:
 
 @compiled
 def measure(z: Any, lu: Any, draw: Any, counts: Any) -> None:
-    """Raise NOISE to what roundoff makes of increments' q1 and v1, (H30): by one evaluation with arguments changed by it.
+    """Raise NOISE to the size that roundoff gives to increments of q1 and v1, (H30), by one perturbed evaluation.
 
-    Changed are a random half of the entries of q, v, a, f, another for every ``draw``, all away from zero: the roundoff of
-    regular values is not of both signs alike.
+    A random half of the entries of q, v, a, f, another one for each ``draw``, is changed by eps away from zero: the
+    roundoff of regular values has one sign more often than the other.
     """
     state, before, found = view(z.w, z.i[2 * mem.Q], 4 * z.i[mem.N]), part(z, mem.UNDISTURBED), part(z, mem.NOISE)
     increment, full = part(z, mem.INCREMENT), part(z, mem.FULL)
@@ -181,7 +182,7 @@ def measure(z: Any, lu: Any, draw: Any, counts: Any) -> None:
     put(before, 0, state)
     put(full, 0, increment)
     for i in range(state.size):
-        if (i * DRAWN[0] >> (DRAWN[1] + draw)) % 2 == 1:
+        if (i * HASH[0] >> (HASH[1] + draw)) % 2 == 1:
             state[i] = before[i] * (1.0 + EPS)
     early(z)
     correct(z, lu, mem.C_RESIDUAL, False)
@@ -196,7 +197,7 @@ def measure(z: Any, lu: Any, draw: Any, counts: Any) -> None:
 
 @compiled
 def unmeasured(z: Any) -> None:
-    """Neither sizes that increments are measured by are known, nor roundoff."""
+    """Reset the sizes that increments are measured by, and their measured roundoff."""
     noise = part(z, mem.NOISE)
     part(z, mem.RECIPROCAL)[0] = 0.0
     noise[0] = noise[1] = -1.0

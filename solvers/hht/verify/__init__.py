@@ -1,4 +1,4 @@
-"""``hhtbench verify paper``: section 5 and the theorems of Jay and Negrut (2007), as numbers."""
+"""``hhtbench verify``: numerical checks of the theory, such as section 5 and the theorems of Jay and Negrut (2007)."""
 
 from solvers.hht.verify.paper import verify_paper
 

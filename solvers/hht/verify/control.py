@@ -15,16 +15,16 @@ from solvers.hht.verify.measure import Run, run
 from solvers.hht.verify.study import Progress, collected, judged_row, order_row, run_all, shown_row, slope
 
 TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-NEAR = 10.0  # factor around the calibrated error that counts as what was asked for
-SHARE = 0.9  # of the runs that must be so near
-SLOPE = 0.2  # how far the slope of error over tolerance may lie from 1
-REJECTED = 0.15  # share of rejected steps
+NEAR = 10.0  # factor around the calibrated error within which an error counts as requested
+SHARE = 0.9  # share of runs that must be so near
+SLOPE = 0.2  # largest deviation of the slope of error over tolerance from 1
+REJECTED = 0.15  # largest share of rejected steps
 MAX_SECONDS = 60.0  # of one solve [s]
 Runs = list[Run]  # of one problem, one for each tolerance
 
 
 def verify_control(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Achieved over requested error, slopes and rejections."""
+    """Evidence on error control: achieved over requested error, slopes and rejections."""
     began, plan = time.perf_counter(), registered_plans()
     specs = [validated_spec(name, plan) for name in list_problems()]
     requests = [Request(rtol=x, max_seconds=MAX_SECONDS) for x in TOLERANCES]
@@ -35,7 +35,7 @@ def verify_control(progress: Progress | None = None, jobs: int = 1) -> Evidence:
 
 
 def problem_rows(library: Iterable[Runs]) -> list[Row]:
-    """Per problem the ratios of achieved to requested error, which are shown, and the slope, which is judged."""
+    """Per problem a row with ratios of achieved to requested error (shown) and one with the slope (judged)."""
     rows = []
     for own in library:
         spec, curve = own[0].spec, _curve(own)
@@ -50,7 +50,7 @@ def problem_rows(library: Iterable[Runs]) -> list[Row]:
 
 
 def overall_rows(library: Sequence[Runs]) -> list[Row]:
-    """The share of runs whose error is near what was requested, and the share of rejected steps."""
+    """Rows for the share of runs whose error is near the requested one, and for the share of rejected steps."""
     runs = [run for own in library for run in own]
     near = 0
     for own in library:
@@ -68,7 +68,7 @@ def overall_rows(library: Sequence[Runs]) -> list[Row]:
 
 
 def _constant(own: Runs) -> float:
-    """Geometric mean of the ratios of one problem."""
+    """Geometric mean of the error ratios of one problem."""
     ratios = [run.ratio for run in own if run.ratio is not None]
     return float(np.exp(np.mean(np.log(ratios)))) if ratios else 1.0
 
@@ -80,7 +80,7 @@ def _curve(runs: Runs) -> Curve:
 
 
 def drawn(library: Iterable[Runs]) -> Plot:
-    """Error over tolerance, a curve for every problem that has errors above roundoff."""
+    """Plot of error over tolerance, a curve for every problem that has errors above roundoff."""
     return Plot(
         id="control",
         title="Achieved over requested error",

@@ -1,8 +1,8 @@
 """``hhtbench verify damping``: amplification, damping, period and overshoot against closed forms.
 
 Each scene has one free direction ``u`` (n,) with u^T M u = 1.  The force along it is ``-w^2 y - 2 zeta w y'`` with
-``y = u^T M q``; across it there is a force too, which reactions must take up.  The extended method then promises that
-(y, h y', h^2 u^T M a) is advanced by the matrix (H18), constraints or not: reactions do not enter the tangential motion.
+``y = u^T M q``; a force across it is balanced by reactions.  For the extended method (y, h y', h^2 u^T M a) is then
+advanced by the matrix (H18), with or without constraints: reactions do not enter the tangential motion.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ STEP = 0.01  # h [s]; the matrix depends on w h alone
 MASS = np.array([[2.0, 0.3, 0.1], [0.3, 1.0, -0.2], [0.1, -0.2, 1.5]])
 ROWS = np.array([[1.0, 2.0, -1.0], [0.5, -1.0, 1.0]])
 ACROSS = (0.7, -0.4)  # force across the free direction per force along it, for each row of ROWS
-AMPLITUDE = 1e-3  # [rad] of the bead: its square is far below the elongations that are measured
+AMPLITUDE = 1e-3  # [rad] of the bead: its square is far below the measured elongations
 DIED_OUT = 20  # steps: the third root is below 1e-3 at w h <= 0.1
-ROUNDOFF = 1e-12  # of trace, minors and determinant
-AGREES = 1e-3  # relative: what the recurrence of a run leaves out
-LEADING = 0.02  # relative: what the first term of the series leaves out at w h = 0.1
-KEPT = 1e-8  # damping ratio that counts as none
-DRAWN = (0.0, -0.05, -0.15, -1.0 / 3.0)  # -0.3 would lie on -1/3
-MEASURED = tuple(np.logspace(-2, 8, 31).tolist())  # w h; fewer than the report's most marks
-CLOSED = tuple(np.logspace(-2, 8, 601).tolist())  # more than those: a line without marks
+ROUNDOFF = 1e-12  # bound on errors of trace, minors and determinant
+AGREES = 1e-3  # relative error of the recurrence fitted to a run
+LEADING = 0.02  # relative error of the first term of the series at w h = 0.1
+UNDAMPED = 1e-8  # damping ratio that counts as none
+DRAWN = (0.0, -0.05, -0.15, -1.0 / 3.0)  # alpha of the curves; that of -0.3 would lie on -1/3
+MEASURED = tuple(np.logspace(-2, 8, 31).tolist())  # w h of measured points; few enough to be drawn as marks
+CLOSED = tuple(np.logspace(-2, 8, 601).tolist())  # w h of closed forms; so many are drawn as a line
 SMOOTH = 1.0 + 1e-9  # w h up to which a vibration is resolved: six steps a period
 GUIDED_UP_TO = 1e4  # w h of the guided scene: Newton's iteration fails far above it, as springs across are as stiff
 RADIUS = (
@@ -49,16 +49,16 @@ DAMPING = "Numerical damping grows as the cube of the frequency: slow motion is 
 ELONGATION = "Periods come out too long by a part that grows as the square of the frequency, least at alpha = 0."
 
 Spectrum = NDArray[np.complex128]
-Found = list[tuple[str, float, dict[float, Spectrum]]]  # what is drawn, its alpha, and its eigenvalues by w h
+Found = list[tuple[str, float, dict[float, Spectrum]]]  # (label, alpha, eigenvalues by w h) of each curve
 
 
 def verify_damping(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """What ``alpha`` or ``rho_inf`` does to vibrations, measured by stepping; a minute on one core."""
+    """Evidence on how ``alpha`` or ``rho_inf`` damps vibrations, measured by stepping; a minute on one core."""
     return verify("Damping in the user's terms", STUDIES, progress, jobs)
 
 
 class Masses(System):
-    """Masses on springs and dampers, and the constraints of a scene."""
+    """Masses on springs and dampers, with the constraints of a scene."""
 
     mass_matrix: Any = parameter(doc="[kg]")
     stiffness: Any = parameter(doc="[N/m]")
@@ -67,7 +67,7 @@ class Masses(System):
     velocity_constraint: Any = eqx.field(static=True, default=None)
 
     def force(self, t: Any, q: Any, v: Any) -> Any:
-        """(n,)."""
+        """Spring and damper forces (n,)."""
         return -(self.stiffness @ q) - self.damper @ v
 
 
@@ -82,13 +82,13 @@ CONSTRAINTS: dict[str, dict[str, Callable[..., Any]]] = {
 
 @dataclass(frozen=True)
 class Scene:
-    """A system up to frequency and damping, with its free direction."""
+    """A system whose frequency and damping are still free, with its free direction."""
 
     name: str
     mass: Matrix  #: (n, n)
     free: Vector  #: (n,) u
-    shape: Matrix  #: (n, n) of the stiffness for w = 1, and of the damper
-    start: Vector  #: (n,) q at rest from which it is let go
+    shape: Matrix  #: (n, n) stiffness for w = 1; the damper is proportional to it
+    start: Vector  #: (n,) q at which it starts from rest
     constraints: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
 
     @property
@@ -97,19 +97,19 @@ class Scene:
         return self.mass @ self.free
 
     def integrator(self, method: Method, frequency: float, zeta: float = 0.0, kind: type[HHT] = HHT) -> HHT:
-        """Of a ``kind``, for the system with w h = ``frequency`` and damping ratio ``zeta``, for steps of STEP."""
+        """Integrator of class ``kind`` for w h = ``frequency``, damping ratio ``zeta`` and steps of STEP."""
         omega = frequency / STEP
         stiffness, damper = omega**2 * self.shape, 2.0 * zeta * omega * self.shape
         return kind(Masses(mass_matrix=self.mass, stiffness=stiffness, damper=damper, **self.constraints), **method)
 
 
 def make_scene(name: str) -> Scene:
-    """One of CONSTRAINTS.
+    """Build one of the scenes of CONSTRAINTS.
 
     The bead on a circle of 1 m is pulled to the vertical line through its centre.  The others with constraints have three
-    coordinates and two rows.  Springs couple both ways with a coordinate that a position constraint holds.  A velocity
+    coordinates and two rows.  Springs couple both ways with a coordinate held by a position constraint.  A velocity
     constraint lets it drift by O(h^3) a step, so there the coupling goes one way, from y into the reaction.  The springs
-    across are as stiff as those along: soft ones would drown in the roundoff of a stiffness of 1e16 in skew coordinates.
+    across are as stiff as those along: soft ones would be lost in the roundoff of a stiffness of 1e16 in skew coordinates.
     """
     if name == "oscillator":
         one = np.ones((1, 1))
@@ -127,7 +127,7 @@ def make_scene(name: str) -> Scene:
 
 
 def measured_matrix(scene: Scene, method: Method, frequency: float, zeta: float = 0.0, kind: type[HHT] = HHT) -> Matrix:
-    """The (3, 3) map of (y, h y', h^2 u^T M a) made by one step of an integrator of a ``kind`` with w h = ``frequency``."""
+    """The (3, 3) map of (y, h y', h^2 u^T M a) in one step with w h = ``frequency``, measured column by column."""
     hht, u, along, columns = scene.integrator(method, frequency, zeta, kind), scene.free, scene.along, []
     for q, v, a in np.eye(3):
         hht.init_step(0.0, q * u, v * u / STEP, step=STEP)
@@ -138,20 +138,20 @@ def measured_matrix(scene: Scene, method: Method, frequency: float, zeta: float 
 
 
 class Swing(NamedTuple):
-    """How a vibration decays and how much too long its period is."""
+    """Damping ratio and period elongation of a vibration."""
 
-    damping: float  #: ratio xi
-    elongation: float  #: of the period 2 pi / w, relative
+    damping: float  #: damping ratio xi
+    elongation: float  #: relative elongation of the period 2 pi / w
 
 
 def swing_of(eigenvalues: Spectrum, frequency: float) -> Swing:
-    """That of the vibration with the given eigenvalues at w h = ``frequency``."""
+    """Damping and elongation from the eigenvalues of one step at w h = ``frequency``."""
     principal = np.log(max(eigenvalues, key=lambda root: root.imag))
     return Swing(float(-principal.real / abs(principal)), float(frequency / principal.imag - 1.0))
 
 
 def measured_swing(scene: Scene, method: Method, frequency: float, periods: float) -> Swing:
-    """That of the recurrence y2 = p y1 - d y0 which fits a run without dampers best, when its third root has died out."""
+    """Damping and elongation from y2 = p y1 - d y0 fitted to an undamped run once its third root has decayed."""
     steps = int(np.ceil(periods * 2.0 * np.pi / frequency))
     start = (0.0, steps * STEP), scene.start, np.zeros(scene.start.size)
     y = solved(scene.name, scene.integrator(method, frequency), *start, steps=steps).q[DIED_OUT:] @ scene.along
@@ -160,7 +160,7 @@ def measured_swing(scene: Scene, method: Method, frequency: float, periods: floa
 
 
 def closed_invariants(alpha: float, frequency: float, zeta: float) -> tuple[float, float, float]:
-    """Trace, sum of principal minors and determinant in closed form, (H18) with (H3)."""
+    """Trace, sum of principal minors and determinant of the matrix (H18) with (H3), in closed form."""
     a, o, e = alpha, frequency, 1.0 + alpha
     d = 4.0 + (1.0 - a) ** 2 * e * o**2 + 4.0 * zeta * o * e * (1.0 - 2.0 * a)
     trace = (8.0 + (3.0 * a**3 - a - 2.0) * o**2 - 12.0 * zeta * o * a * (1.0 + 2.0 * a)) / d
@@ -169,31 +169,31 @@ def closed_invariants(alpha: float, frequency: float, zeta: float) -> tuple[floa
 
 
 def roots(alpha: float, frequency: float, zeta: float = 0.0) -> Spectrum:
-    """The three eigenvalues in closed form, complex: roots of the characteristic polynomial of (H18)."""
+    """The three complex eigenvalues of (H18), as roots of its characteristic polynomial."""
     trace, minors, determinant = closed_invariants(alpha, frequency, zeta)
     return np.roots([1.0, -trace, minors, -determinant]).astype(np.complex128)
 
 
 def series(alpha: float, frequency: float) -> Swing:
-    """The leading terms of both in w h for zeta = 0, from the logarithm of the principal root of (H18)."""
+    """Leading terms in w h of damping and elongation for zeta = 0, from the principal root of (H18)."""
     damping = -alpha * (1.0 + alpha) ** 2 * frequency**3 / 8.0
     return Swing(damping, frequency**2 * (2.0 - 6.0 * alpha - 9.0 * alpha**2) / 24.0)
 
 
 def spectrum(matrix: Matrix) -> Spectrum:
-    """Its eigenvalues, complex also where they are real."""
+    """Eigenvalues of ``matrix``, as complex numbers."""
     return np.linalg.eigvals(matrix).astype(np.complex128)
 
 
 def radius(eigenvalues: Spectrum) -> float:
-    """Largest magnitude."""
+    """Spectral radius: largest magnitude of the eigenvalues."""
     return float(np.max(np.abs(eigenvalues)))
 
 
 def one_step(name: str, alphas: Sequence[float], method: Method, cases: Sequence[tuple[float, float]]) -> Row:
-    """Invariants of one step of a scene, which make its spectral radius, worst over ``alphas`` and ``cases`` (w h, zeta).
+    """Row: invariants of one step of a scene against closed forms, worst over ``alphas`` and ``cases`` (w h, zeta).
 
-    Errors are over the larger of one and the value.
+    Errors are relative to the larger of one and the value.
     """
     scene, worst = make_scene(name), 0.0
     for alpha, (frequency, zeta) in itertools.product(alphas, cases):
@@ -209,12 +209,12 @@ def one_step(name: str, alphas: Sequence[float], method: Method, cases: Sequence
 
 
 def _variant(method: Method) -> str:
-    """The method without its damping."""
+    """Label of the method without its damping."""
     return f"{method['reaction']}, b = {method['b']:g}"
 
 
 def rho_inf(rho: float) -> Row:
-    """``HHT(system, rho_inf=rho)`` has that spectral radius at the highest frequency, (H18)."""
+    """Row: ``HHT(system, rho_inf=rho)`` has that spectral radius at the highest frequency, (H18)."""
     measured = radius(spectrum(measured_matrix(make_scene("oscillator"), {"rho_inf": rho}, 1e8)))
     bound = 1e-5 if rho == 0.5 else 1e-6  # at 1/2 the radius comes down as (w h)^(-2/3) only
     claim = f"HHT(rho_inf={rho:g}), w h = 1e8: spectral radius of one step less rho_inf"
@@ -222,7 +222,7 @@ def rho_inf(rho: float) -> Row:
 
 
 def swing(name: str, method: Method, frequency: float, periods: float) -> list[Row]:
-    """Damping ratio and period elongation of a run against the eigenvalues and the leading terms of their series."""
+    """Rows: damping ratio and period elongation of a run against eigenvalues and the leading terms of their series."""
     alpha, rows = method["alpha"], []
     found = measured_swing(make_scene(name), method, frequency, periods)
     exact, leading = swing_of(roots(alpha, frequency), frequency), series(alpha, frequency)
@@ -230,7 +230,7 @@ def swing(name: str, method: Method, frequency: float, periods: float) -> list[R
     for quantity, measured, root, first in zip(Swing._fields, found, exact, leading, strict=True):
         id, claim = f"{quantity}/{name}", f"{run}: {quantity} (eigenvalue {root:.5g}, series {first:.5g})"
         if first == 0.0:
-            rows.append(below_row(id, claim, abs(measured), KEPT))
+            rows.append(below_row(id, claim, abs(measured), UNDAMPED))
             continue
         close = abs(measured - root) < AGREES * abs(root) and abs(measured - first) < LEADING * abs(first)
         bound = f"{AGREES:.1%} of the eigenvalue, {LEADING:.0%} of the series"
@@ -239,7 +239,7 @@ def swing(name: str, method: Method, frequency: float, periods: float) -> list[R
 
 
 def overshoot(alpha: float) -> Row:
-    """The first step from y0 with a0 = f0, and from y'0, in the limit of (H18) for w h -> infinity."""
+    """Row: the first step from y0 with a0 = f0, and from y'0, against the limit of (H18) for w h -> infinity."""
     frequency = 1e4  # the limit is reached to O((w h)^-2), roundoff of a0 grows as (w h)^2: they meet here
     matrix = measured_matrix(make_scene("oscillator"), {"alpha": alpha}, frequency)
     y, z, _ = matrix @ np.array([1.0, 0.0, -(frequency**2)])
@@ -253,7 +253,7 @@ def overshoot(alpha: float) -> Row:
 
 
 def curves() -> list[Plot]:
-    """The three plots, zeta = 0; closed forms last, so that they are drawn over the lines between the marks."""
+    """The three plots for zeta = 0; closed forms last, so that they are drawn over the lines between the marks."""
     up_to = [x for x in MEASURED if x <= GUIDED_UP_TO]
     found: Found = [("guided", -0.15, _measured("guided", {"alpha": -0.15, "b": 0.25}, up_to))]
     found += [("measured", alpha, _measured("oscillator", {"alpha": alpha}, MEASURED)) for alpha in DRAWN]

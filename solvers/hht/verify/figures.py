@@ -1,4 +1,4 @@
-"""The figures of section 5 of the paper as curves, with rows that compare them with an independent implementation.
+"""The figures of section 5 of the paper as curves, compared with an independent implementation.
 
 The paper shows plots without numbers.  ``independent_errors.json`` holds the errors of a separate plain
 implementation of (3.4), kept with six to seven digits.
@@ -78,7 +78,7 @@ def _plot(number: str, title: str, caption: str, steps: Sequence[float], errors:
 
 
 def disagreement(plot: Plot, steps: Sequence[float], stored: Mapping[str, Any]) -> float:
-    """Largest relative difference of the curves of ``plot`` from the ``stored`` errors, which belong to ``steps`` [s]."""
+    """Largest relative difference of the curves of ``plot`` from the ``stored`` errors at ``steps`` [s]."""
     worst = 0.0
     for curve in plot.curves:
         measured = dict(zip(curve.x, curve.y, strict=True))

@@ -1,4 +1,4 @@
-"""Runs of the integrator over cases with known motion, and their errors."""
+"""Runs of the integrator for cases with known motion, and their errors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from solvers.hht.step.state import State
 from solvers.hht.verify.study import slope
 
 RIGID = "stiff_spring_pendulum(stiffness=inf)"  # differs from k = 1e10 by 1e-9 in q and 1e-5 in v
-FLOOR = 1e-11  # weighted errors below it are roundoff and limits of references, not of steps
+FLOOR = 1e-11  # weighted errors below this are due to roundoff and references, not to steps
 
 _loaded = cache(load_problem)
 
@@ -43,15 +43,15 @@ class Case:
 
     @property
     def problem(self) -> Problem:
-        """With its own interval."""
+        """The problem, with its own interval."""
         return _loaded(self.name)
 
     def known(self, t: float) -> Motion:
-        """The motion at ``t`` [s], by the closed solution or a row of the reference; the end may be off by roundoff."""
+        """The motion at ``t`` [s], from the closed solution or a row of the reference; the end may be off by roundoff."""
         return _known(self.name, self.t_end if math.isclose(t, self.t_end, rel_tol=1e-12) else t)
 
     def force(self, t: float) -> Vector:
-        """f = M^-1 F (n,) along it."""
+        """f = M^-1 F (n,) along the known motion."""
         at = self.known(t)
         return _evaluator(self.name)(t, np.asarray(at.q), np.asarray(at.v))
 
@@ -73,7 +73,7 @@ def _acceleration(dynamics: Dynamics, t: Any, q: Any, v: Any) -> Any:
 
 
 def known_at(problem: Problem, name: str, t: float) -> Vector:
-    """Row ``t`` [s] of the problem's reference, q, v, lam or mu by ``name``; a ``ProblemError`` where there is none."""
+    """Row at ``t`` [s] of the problem's reference; ``name``: q, v, lam or mu.  Raises ProblemError if there is none."""
     reference = problem.reference or {"t": []}
     rows = np.flatnonzero(np.asarray(reference["t"]) == t)
     if rows.size != 1:
@@ -94,20 +94,20 @@ def known_motion(problem: Problem) -> tuple[Vector, Matrix]:
 
 
 def typical_sizes(problem: Problem) -> Vector:
-    """Of q and v, (2n,)."""
+    """Typical sizes of q and v, (2n,): the problem's scales."""
     n = problem.q0.size
     return np.concatenate([np.broadcast_to(problem.scales.q, n), np.broadcast_to(problem.scales.v, n)])
 
 
 def weighted_error(problem: Problem, found: Matrix, known: Matrix) -> float:
-    """Largest RMS norm over the times of the error over (|x| + scale): what rtol and atol ask for, over the tolerance."""
+    """Largest RMS norm over the times of the error over (|x| + scale), to be compared with the tolerance."""
     weighted = (found - known) / (np.abs(known) + typical_sizes(problem))
     return float(np.sqrt(np.mean(weighted**2, axis=1)).max())
 
 
 @dataclass(frozen=True)
 class Run:
-    """One run over the whole interval of a problem with known motion."""
+    """Result of one run over the whole interval of a problem with known motion."""
 
     spec: str
     tolerance: float  #: NaN with prescribed steps
@@ -118,12 +118,12 @@ class Run:
 
     @property
     def steps(self) -> int:
-        """Accepted and rejected ones."""
+        """Number of accepted and rejected steps."""
         return self.accepted + self.rejected
 
     @property
     def ratio(self) -> float | None:
-        """Achieved over requested error; None where there is no error above roundoff."""
+        """Achieved over requested error; None if the error is not above roundoff."""
         return None if self.error is None or self.error <= FLOOR else self.error / self.tolerance
 
     def __str__(self) -> str:
@@ -133,7 +133,7 @@ class Run:
 
 
 def run(spec: str, request: Request, **method: Any) -> Run:
-    """``spec`` by HHT with the options ``method``, as the bench runs it."""
+    """Solve ``spec`` by HHT with the options ``method``, as the bench does."""
     problem, hht = _loaded(spec), solver(**method)
     times, known = known_motion(problem)
     tolerance = math.nan if request.rtol is None else request.rtol
@@ -147,12 +147,12 @@ def run(spec: str, request: Request, **method: Any) -> Run:
 
 
 def guesses(problem: Problem) -> dict[str, Any]:
-    """Of the multipliers at the start."""
+    """Arguments for the multipliers' guesses at the start."""
     return {"lam_guess": problem.lam_guess, "mu_guess": problem.mu_guess}
 
 
 def solved(name: str, hht: HHT, *start: Any, **request: Any) -> Solution:
-    """``hht.solve``; a run that fails raises a ``RuntimeError``, as a verification has nothing to measure then."""
+    """Call ``hht.solve``; raises ``RuntimeError`` if the run fails, since there is nothing to measure then."""
     solution = hht.solve(*start, **request)
     if not solution.success:
         raise RuntimeError(f"{name}: {solution.status.label}: {solution.message}")
@@ -160,14 +160,14 @@ def solved(name: str, hht: HHT, *start: Any, **request: Any) -> Solution:
 
 
 def step_by_hand(name: str, hht: HHT) -> State:
-    """The state after one more step; a step that fails raises a ``RuntimeError``."""
+    """The state after one more step; raises ``RuntimeError`` if the step fails."""
     if (status := hht.step()) is not Status.success:
         raise RuntimeError(f"{name}: {status.label}: {hht.message}")
     return hht.state
 
 
 def integrate(case: Case, steps: int | Vector, kind: type[HHT] = HHT, **method: Any) -> Solution:
-    """``case`` with the given steps, a number of equal ones or their lengths [s], by an integrator of a ``kind``."""
+    """Solve ``case`` with prescribed ``steps``, a number of equal ones or their lengths [s], by class ``kind``."""
     p, t0 = case.problem, case.t_start
     start = (p.q0, p.v0) if t0 == p.t_span[0] else case.known(t0)[:2]
     t1 = case.t_end if isinstance(steps, int) else t0 + float(steps.sum())
@@ -175,11 +175,11 @@ def integrate(case: Case, steps: int | Vector, kind: type[HHT] = HHT, **method: 
 
 
 def errors(case: Case, solution: Solution, key: str, ends: Iterable[int], alpha: float = 0.0) -> Vector:
-    """2-norms (k,) of the errors of ``key`` after each of ``ends`` (k,), numbers of steps.
+    """2-norms (k,) of the errors of ``key`` after each of ``ends`` (k,), counted in steps.
 
     ``q``, ``v``, ``lam`` and ``mu`` are those of the rows; ``a`` is compared with f(t + alpha h).  Multipliers of stages
-    are ``lam_start`` and ``lam_end`` of the step, their mean ``lam_mean`` at its midpoint, and ``lam_between``, which lies
-    between the stages on either side of the step's end and is of second order.
+    are ``lam_start`` and ``lam_end`` of the step, their mean ``lam_mean`` at its midpoint, and ``lam_between``, which
+    interpolates the stages on both sides of the step's end and is of second order.
     """
     data: Any = solution.steps_data
     index = np.asarray(list(ends)) - 1
@@ -200,7 +200,7 @@ def errors(case: Case, solution: Solution, key: str, ends: Iterable[int], alpha:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Runs of one method with ever more steps."""
+    """Runs of one method with more and more steps."""
 
     case: Case
     runs: list[Solution]
@@ -208,35 +208,35 @@ class Convergence:
 
     @property
     def steps(self) -> list[float]:
-        """Mean lengths [s]."""
+        """Mean step lengths [s]."""
         return [(self.case.t_end - self.case.t_start) / run.steps_data.t.size for run in self.runs]  # type: ignore[union-attr]
 
     def errors(self, key: str) -> list[Vector]:
-        """Those of every run at the times of the case."""
+        """Errors of every run at the times of the case."""
         share = np.arange(1, self.case.times + 1)
         sizes = [run.steps_data.t.size for run in self.runs]  # type: ignore[union-attr]
         ends = [share * size // self.case.times for size in sizes]
         return [errors(self.case, run, key, at, self.alpha) for run, at in zip(self.runs, ends, strict=True)]
 
     def orders(self, keys: Iterable[str] = ("q", "v", "a")) -> dict[str, float]:
-        """Slopes of the root mean squares."""
+        """Observed orders: slopes of the root mean square errors."""
         sizes = {key: [float(np.sqrt(np.mean(at**2))) for at in self.errors(key)] for key in keys}
         return {key: slope(self.steps, of) for key, of in sizes.items()}
 
 
 def refine(case: Case, refinements: Iterable[int | Vector], **method: Any) -> Convergence:
-    """``case`` with ever more steps: numbers of equal ones, or their lengths [s]."""
+    """Solve ``case`` with each of ``refinements``: numbers of equal steps, or their lengths [s]."""
     return Convergence(case, [integrate(case, steps, **method) for steps in refinements], method["alpha"])
 
 
 def alternating(case: Case, pairs: int) -> Vector:
-    """Steps h/3, 2h/3, h/3, ... in ``pairs``."""
+    """Step lengths h/3, 2h/3, h/3, ... in ``pairs``."""
     h = (case.t_end - case.t_start) / pairs
     return np.tile([h / 3, 2 * h / 3], pairs)
 
 
 def violations(problem: Problem, t: Vector, q: Matrix, v: Matrix) -> tuple[float, float]:
-    """Largest scaled position and velocity residual of the rows ``q``, ``v`` (k, n) at ``t`` (k,)."""
+    """Largest scaled violation of the position and of the velocity level by the rows ``q``, ``v`` (k, n) at ``t`` (k,)."""
     levels = ConstraintLevels(derive(problem.system, problem.t_span[0], problem.q0, problem.v0), full=True)
     found = [levels.at(float(time), *state) for time, *state in zip(t, q, v, strict=True)]
     position = max((float(np.max(at.scaled_position(problem.scales.q), initial=0.0)) for at in found), default=0.0)
@@ -244,6 +244,6 @@ def violations(problem: Problem, t: Vector, q: Matrix, v: Matrix) -> tuple[float
 
 
 def scaled_drift(problem: Problem, solution: Solution) -> tuple[float, float]:
-    """:func:`violations` of the ends of the steps: rows between them are moved onto the constraints, (H47)."""
+    """:func:`violations` at the ends of steps; rows between them are projected, (H47)."""
     steps: Any = solution.interpolant or solution
     return violations(problem, steps.t, steps.q, steps.v)

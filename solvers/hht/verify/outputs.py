@@ -1,7 +1,7 @@
-"""``hhtbench verify outputs``: rows at output times and at events hold both levels of the constraints, as steps do.
+"""``hhtbench verify outputs``: rows at output times and events satisfy both constraint levels, as steps do.
 
 For all problems on their validated spans, at tolerances from 1e-2 to 1e-6: the violation at rows, at ends of steps and of
-the interpolant, and the change of the error by moving the rows onto the constraints.
+the interpolant, and the change of the error by projecting the rows.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from solvers.hht.verify.control import MAX_SECONDS, TOLERANCES
 from solvers.hht.verify.measure import FLOOR, guesses, known_motion, solved, typical_sizes, violations, weighted_error
 from solvers.hht.verify.study import Progress, judged_row, shown_row, verify
 
-MET = 1e-12  # scaled violation of either level
-GROWTH = 0.01  # of an error, at most
-ROWS = 101  # beside the times at which the motion is known
-SAMPLED = 200  # ends of steps that are checked, at most
+MAX_VIOLATION = 1e-12  # scaled, of either level
+MAX_GROWTH = 0.01  # relative growth of an error by projection
+ROWS = 101  # in addition to the times at which the motion is known
+MAX_CHECKED = 200  # ends of steps that are checked
 
 
 class Output(NamedTuple):
-    """Largest scaled violations of either level in one run."""
+    """Largest scaled violations of either level in one run, and the effect of projection on the error."""
 
     rows: float  #: of rows between steps, and at events
-    steps: float  #: at the ends of steps, which nothing moves
+    steps: float  #: at the ends of steps, which are not projected
     interpolated: float  #: of the dense output at the same output times
-    growth: float | None  #: relative change of the error by moving rows onto the constraints; None where it is roundoff
+    growth: float | None  #: relative change of the error by projecting rows; None where it is roundoff
 
 
 def output(problem: Problem, tolerance: float) -> Output:
-    """Solve ``problem`` at ``rtol`` = ``tolerance`` with rows at the known times and between, and events at every middle."""
+    """Solve ``problem`` at ``rtol`` = ``tolerance`` with rows at the known times and between, and with an event."""
     times, known = known_motion(problem)
     asked = np.union1d(times, np.linspace(*problem.t_span, ROWS))
     hht = HHT(problem.system, events=[_passes(problem, known)])
@@ -49,7 +49,7 @@ def output(problem: Problem, tolerance: float) -> Output:
     found = solved(problem.name, hht, *start, t_eval=asked, **request)
     steps = found if found.interpolant is not None else solved(problem.name, hht, *start, **request)  # they were too many
     ends: Any = steps.interpolant
-    some = np.unique(np.linspace(0, ends.t.size - 1, SAMPLED).astype(int))
+    some = np.unique(np.linspace(0, ends.t.size - 1, MAX_CHECKED).astype(int))
     between = ~np.isin(asked, ends.t)
     plain, at = steps(asked), np.searchsorted(asked, times)
     errors = [weighted_error(problem, np.hstack([x.q[at], x.v[at]]), known) for x in (plain, found)]
@@ -64,7 +64,7 @@ def output(problem: Problem, tolerance: float) -> Output:
 
 
 def _passes(problem: Problem, known: Matrix) -> Event:
-    """An event where the coordinate that moves most passes the middle of its range."""
+    """Event where the coordinate with the largest range passes the middle of it."""
     n = problem.q0.size
     low, high = known[:, :n].min(axis=0), known[:, :n].max(axis=0)
     most = int(np.argmax((high - low) / np.broadcast_to(problem.scales.q, n)))
@@ -73,7 +73,7 @@ def _passes(problem: Problem, known: Matrix) -> Event:
 
 
 def outputs(spec: str, tolerances: Sequence[float] = TOLERANCES) -> list[Row]:
-    """Rows of one problem: the violations, and the growth of the error."""
+    """Rows for one problem: the violations, and the growth of the error."""
     problem = load_problem(spec)
     if not derive(problem.system, problem.t_span[0], problem.q0, problem.v0).structure.constrained:
         return [shown_row(f"levels/{spec}", f"{spec}: constraints at rows and events", "it has none")]
@@ -84,10 +84,10 @@ def outputs(spec: str, tolerances: Sequence[float] = TOLERANCES) -> list[Row]:
     moved = f"{spec}: change of the largest error by moving rows onto the constraints, {asked}"
     measured = f"{_listed(between)}; at ends of steps {_listed(ends)}; interpolated {_listed(plain)}"
     changes = ", ".join("roundoff" if x is None else f"{x:+.2%}" for x in growth)
-    small = all(x is None or x <= GROWTH for x in growth)
+    small = all(x is None or x <= MAX_GROWTH for x in growth)
     return [
-        judged_row(f"levels/{spec}", held, measured, f"< {MET:g}", max(between) < MET),
-        judged_row(f"error/{spec}", moved, changes, f"<= {GROWTH:.0%}", small),
+        judged_row(f"levels/{spec}", held, measured, f"< {MAX_VIOLATION:g}", max(between) < MAX_VIOLATION),
+        judged_row(f"error/{spec}", moved, changes, f"<= {MAX_GROWTH:.0%}", small),
     ]
 
 
@@ -96,7 +96,7 @@ def _listed(sizes: Sequence[float]) -> str:
 
 
 def verify_outputs(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Constraints and errors of rows between steps and at events, over all problems and tolerances."""
+    """Evidence on constraints and errors of rows between steps and at events, for all problems and tolerances."""
     plan = registered_plans()
     studies: list[Any] = [(outputs, validated_spec(name, plan)) for name in list_problems()]
     return verify("Rows and events between steps on the constraints", studies, progress, jobs)

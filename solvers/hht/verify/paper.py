@@ -1,4 +1,4 @@
-"""``hhtbench verify paper``: orders over alpha, b and the choices of the reaction, local errors, drift, and the figures."""
+"""``hhtbench verify paper``: orders over alpha, b and the reactions, local errors, drift, and the figures."""
 
 from __future__ import annotations
 
@@ -37,22 +37,22 @@ from solvers.hht.verify.study import (
     verify,
 )
 
-MARGIN = 0.05
-STAGE_MARGIN = 0.1  # of the first-order stage multipliers
-LOST = 0.3  # orders so near to one are order one: the second is lost
-SEED = 20070101  # of the random step pattern; any other gives second order too
+MARGIN = 0.05  # of observed orders
+STAGE_MARGIN = 0.1  # of the observed order of stage multipliers
+LOST = 0.3  # margin within which an observed order counts as one
+SEED = 20070101  # of the random step pattern; any other seed gives second order too
 PATTERN = 8  # steps in one period of the random pattern
-HELD = 1e-12  # scaled residual that counts as roundoff
+HELD = 1e-12  # scaled violation that counts as roundoff
 LOCAL_MARGIN = 0.1  # of local orders: the step cannot be as small as in a global order before roundoff
 
 
 def verify_paper(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Every claim of the paper that this implementation makes, measured; a minute on one core."""
+    """Evidence on every claim of the paper that this implementation makes; a minute on one core."""
     return verify("The paper's claims, reproduced", STUDIES, progress, jobs)
 
 
 def methods(alpha: float) -> Iterator[Method]:
-    """Every member of the family with this ``alpha``; all must be of order two."""
+    """Yield all members of the family with this ``alpha``; each must be of order two."""
     for reaction, b in itertools.product(("implicit", "predictor"), (0.0, 0.3, 1.0)):
         yield {"alpha": alpha, "b": b, "reaction": reaction}
     for reaction in ("midpoint", "midpoint_predictor"):
@@ -60,22 +60,22 @@ def methods(alpha: float) -> Iterator[Method]:
 
 
 def second_order(case: Case, kind: str, keys: str, numbers: Sequence[int], methods: Iterable[Method]) -> list[Row]:
-    """Order two of ``keys`` for a ``kind`` of constraints, with every one of the ``methods``."""
+    """Rows: order two of ``keys`` for constraints of a ``kind``, with each of the ``methods``."""
     found = {named(method): refine(case, numbers, **method).orders(keys.split()) for method in methods}
     return [order_row(f"{kind}/{case}", f"{name}: orders (RMS)", orders, 2.0, MARGIN) for name, orders in found.items()]
 
 
 def random_pattern(case: Case, periods: int) -> Vector:
-    """A fixed random pattern with ratios of neighbours in [1/2, 2], repeated ``periods`` times."""
+    """Step lengths: a fixed random pattern with ratios of neighbours in [1/2, 2], repeated ``periods`` times."""
     pattern = np.random.default_rng(SEED).uniform(1.0, 2.0, PATTERN)
     return np.tile(pattern / pattern.sum() * ((case.t_end - case.t_start) / periods), periods)
 
 
 def variable_steps(case: Case, alpha: float, b: float, periods: Sequence[int], finer: Sequence[int]) -> list[Row]:
-    """Order with and without (H11) on alternating steps, with it on the random pattern.
+    """Rows: order with and without (H11) on alternating steps, and with it on the random pattern.
 
-    Without it the order is lost unless alpha = 0, where a0 is not used off its time; ``finer``: the first-order part grows
-    out of the second-order one only there.
+    Without it one order is lost unless alpha = 0, where a0 is used at its own time; ``finer``: more steps, as the
+    first-order part only then dominates.
     """
     pairs, random = [alternating(case, 4 * n) for n in periods], [random_pattern(case, n) for n in periods]
     fine, lost = [alternating(case, n) for n in finer], (2.0, MARGIN) if alpha == 0.0 else (1.0, LOST)
@@ -91,7 +91,7 @@ def variable_steps(case: Case, alpha: float, b: float, periods: Sequence[int], f
 
 
 def multipliers(case: Case, alpha: float, numbers: Sequence[int]) -> list[Row]:
-    """Orders of the stage multipliers, of their mean at the midpoint and of the recovered ones."""
+    """Rows: orders of the stage multipliers, of their mean at the midpoint and of the recovered ones."""
     found, id, name = refine(case, numbers, alpha=alpha, b=0.0), f"multipliers/{case}", f"alpha = {NAMES[alpha]}"
     stages, others = found.orders(("lam_start", "lam_end")), found.orders(("lam_mean", "lam"))
     claim = f"{name}: their mean at the midpoint, and those recovered from the acceleration level"
@@ -102,7 +102,7 @@ def multipliers(case: Case, alpha: float, numbers: Sequence[int]) -> list[Row]:
 
 
 def local_errors(case: Case, alpha: float, longest: float, count: int = 5) -> list[Row]:
-    """Orders of the local errors of q and v for each a0 of (H12), from ``count`` steps that are halved [s]."""
+    """Rows: orders of the local errors of q and v for each a0 of (H12), from ``count`` halvings of the step [s]."""
     rows, steps, p = [], [longest / 2**k for k in range(count)], case.problem
     for start in ("f0", "shifted", "trapezoidal"):
         errors = []
@@ -121,7 +121,7 @@ def local_errors(case: Case, alpha: float, longest: float, count: int = 5) -> li
 
 
 def multiplier_guess(case: Case, factors: Sequence[float], h: float) -> Row:
-    """Largest change of q1, v1 when the step's Newton iteration starts from other multipliers (Remark 4.2)."""
+    """Row: largest change of q1, v1 when Newton's iteration starts from other multipliers (Remark 4.2)."""
     ends, rejected, p = [], 0, case.problem
     for factor in factors:
         hht = HHT(p.system, alpha=-0.15, b=0.3)
@@ -137,7 +137,7 @@ def multiplier_guess(case: Case, factors: Sequence[float], h: float) -> Row:
 
 
 def drift(case: Case, steps: int, methods: Sequence[Method]) -> list[Row]:
-    """Largest scaled residual of both levels over all steps."""
+    """Rows: largest scaled violation of both levels over all steps."""
     rows = []
     for method in methods:
         held = max(scaled_drift(case.problem, integrate(case, steps, **method)))
@@ -147,7 +147,7 @@ def drift(case: Case, steps: int, methods: Sequence[Method]) -> list[Row]:
 
 
 def end_values(case: Case, steps: int) -> list[Row]:
-    """q and v at the end of the default method against the reference."""
+    """Rows: q and v at the end, by the default method, against the reference."""
     solution, known, rows = integrate(case, steps), case.known(case.t_end), []
     for name, found, wanted in (("q", solution.q[-1], known.q), ("v", solution.v[-1], known.v)):
         off = float(np.max(np.abs(found - wanted)) / np.max(np.abs(wanted)))

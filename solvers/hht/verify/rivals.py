@@ -1,4 +1,4 @@
-"""``hhtbench verify rivals``: what the field's own methods keep of their published orders, beside the extended HHT."""
+"""``hhtbench verify rivals``: observed orders of other alpha methods against the published ones, beside the extended HHT."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ BEGIN_WELL = ("hht", "ggl", "extended", "index3 corrected", "rattle")
 BEGIN_BADLY = ("ggl from v'", "index3", "index3 from v'", "hht_i3")
 QUANTITIES = ("q", "v", "lam")
 Names = tuple[str, ...]
-MARGIN = 0.1  # of an order
-ROUNDOFF = 1e-12  # scaled, of a level that a method holds
-SOME = 5  # first and last steps whose largest error counts: errors of multipliers may alternate
+MARGIN = 0.1  # of observed orders
+ROUNDOFF = 1e-12  # scaled violation of a level that a method satisfies
+SOME = 5  # first or last steps of which the largest error counts, as errors of multipliers may alternate
 
 SWING = Case("simple_pendulum", 1.3, t_start=0.3, counts=(200, 400, 800))
 CASES = (
@@ -52,29 +52,29 @@ FIRST_ORDER = {"heavy_top": ("hht_i3",)}  # M a at one end and forces at two are
 
 
 def verify_rivals(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Orders, drift, first steps and changing steps of generalised-alpha, HHT-I3 and RATTLE; a minute on two cores."""
+    """Evidence on orders, drift, first steps and changing steps of generalised-alpha, HHT-I3 and RATTLE; about a minute."""
     return verify("The field's own methods beside the extended HHT", STUDIES, progress, jobs)
 
 
 def integrated(case: Case, method: str, steps: Vector) -> Solution:
-    """``case`` from its start by ``steps`` (k,) [s]."""
+    """Solve ``case`` from its start with ``steps`` (k,) [s] by the named method."""
     kind, options = METHODS[method]
     return integrate(case, steps, kind, **options)
 
 
 def lengths(case: Case, count: int, *, alternating: bool = False) -> Vector:
-    """``count`` steps to the end of ``case``, equal ones or 1:2, and one beyond."""
+    """Step lengths: ``count`` to the end of ``case``, equal or alternating 1:2, and one beyond."""
     steps = pairs(case, count // 2) if alternating else np.full(count, (case.t_end - case.t_start) / count)
     return np.append(steps, steps[0])
 
 
 def worst(case: Case, solution: Solution, name: str, ends: Iterable[int]) -> float:
-    """Largest error of ``name`` after ``ends``, numbers of steps; multipliers are those between two stages."""
+    """Largest error of ``name`` after ``ends``, counted in steps; multipliers are interpolated between two stages."""
     return float(errors(case, solution, "lam_between" if name == "lam" else name, ends).max())
 
 
 def orders(case: Case, method: str, names: Names = QUANTITIES, *, alternating: bool = False) -> dict[str, float]:
-    """Of ``names`` at the end of ``case``, by halving the steps; ``alternating``: 1:2, and over the last steps."""
+    """Observed orders of ``names`` at the end of ``case``; ``alternating``: steps 1:2, largest error of the last steps."""
     runs = [integrated(case, method, lengths(case, count, alternating=alternating)) for count in case.counts]
     some = SOME if alternating else 1
     ends = [range(count - some + 1, count + 1) for count in case.counts]
@@ -83,7 +83,7 @@ def orders(case: Case, method: str, names: Names = QUANTITIES, *, alternating: b
 
 
 def order_rows(id: str, claim: str, found: dict[str, float], wanted: dict[str, float]) -> list[Row]:
-    """Orders ``found`` by method: those of one ``wanted`` order in a row, and those of none in a row that is not judged."""
+    """Rows of the orders ``found`` by method: one per order ``wanted``, and one not judged for methods without."""
     rows = []
     for order in (2.0, 1.0, None):
         of = {method: at for method, at in found.items() if wanted.get(method) == order}
@@ -93,7 +93,7 @@ def order_rows(id: str, claim: str, found: dict[str, float], wanted: dict[str, f
 
 
 def constant_steps(case: Case, methods: Names, names: Names = QUANTITIES) -> list[Row]:
-    """Orders of ``methods`` with constant steps."""
+    """Rows: orders of ``methods`` with constant steps."""
     found, rows = {method: orders(case, method, names) for method in methods}, list[Row]()
     wanted = dict.fromkeys(methods, 2.0) | dict.fromkeys(FIRST_ORDER.get(case.name, ()), 1.0)
     for name in names:
@@ -103,7 +103,7 @@ def constant_steps(case: Case, methods: Names, names: Names = QUANTITIES) -> lis
 
 
 def changing_steps(case: Case) -> list[Row]:
-    """Orders on steps 1:2, judged where a method is made for them; index 3 keeps none of its multipliers."""
+    """Rows: orders with steps 1:2, judged for methods designed for these; index 3 loses that of its multipliers."""
     found = {m: orders(case, m, alternating=True) for m in (*ALL, "ggl not rescaled", "index3 not rescaled")}
     wanted, rows = dict.fromkeys(BOTH_LEVELS, 2.0), list[Row]()
     for name in QUANTITIES:
@@ -113,7 +113,7 @@ def changing_steps(case: Case) -> list[Row]:
 
 
 def drift(case: Case) -> list[Row]:
-    """Both constraint levels with constant steps: held to roundoff, or left to the method's order."""
+    """Rows: violation of both levels with constant steps, either roundoff or of the method's order."""
     steps = [lengths(case, count) for count in case.counts]
     found = {m: [scaled_drift(case.problem, integrated(case, m, each)) for each in steps] for m in ALL}
     position = max(at[0] for each in found.values() for at in each)
@@ -127,7 +127,7 @@ def drift(case: Case) -> list[Row]:
 
 
 def first_steps(case: Case) -> list[Row]:
-    """Orders of the multipliers' worst error in the first steps, by how the start is made."""
+    """Rows: order of the largest multiplier error in the first steps, by kind of start."""
     of, sizes = dict[str, float](), list[str]()
     for method in (*BEGIN_WELL, *BEGIN_BADLY):
         runs = [integrated(case, method, lengths(case, count)[: SOME + 1]) for count in case.counts]

@@ -1,6 +1,6 @@
-"""``hhtbench verify b``: what the weight b of the end reaction does to stability, to local errors and to steps.
+"""``hhtbench verify b``: effect of the weight b of the end reaction on stability, local errors and number of steps.
 
-Beside every b stands the method with extrapolated multipliers, (H55), which has no such limit of stability.
+Each b is compared with extrapolated multipliers, (H55), which have no such limit of stability.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ EXTRAPOLATED = "extrapolated"
 METHODS: dict[str, Method] = {f"b = {b:.3g}": {"b": b} for b in WEIGHTS} | {EXTRAPOLATED: {"extrapolate_reaction": True}}
 CHOSEN = "b = 0.2"  # the weight that the documentation advises
 
-FAINT = 1e-6  # [m] of a small vibration: its square is roundoff
-ASIDE = 0.005  # relative distance of the tried steps from the limit of stability
-GROWING = 50  # steps after which a vibration has grown
-GROWN = 100.0  # times the start: steps below the limit reach 10 times, steps above it 1e4
-LEADING = 0.01  # relative: what the leading term of a local error omits
+FAINT = 1e-6  # [m] amplitude of a small vibration: its square is roundoff
+ASIDE = 0.005  # relative distance of the steps tried from the limit of stability
+GROWING = 50  # steps over which growth is measured
+GROWN = 100.0  # growth that counts as unstable: below the limit it reaches 10, above it 1e4
+LEADING = 0.01  # relative error of the leading term of a local error
 ERROR = 1e-3  # both kinds of runs are refined until b = 0 has an error below it
 MAX_SECONDS = 120.0  # of one solve [s]
 KINDS = {
@@ -42,11 +42,11 @@ KINDS = {
     "error control": tuple(Request(rtol=10.0**-k, max_seconds=MAX_SECONDS) for k in range(2, 7)),
 }
 LIGHT = 1e6  # lower over upper mass of the falling pendulum
-FEWER = 20.0  # times fewer steps than with b = 1 are taken with extrapolated multipliers
+FEWER = 20.0  # factor by which extrapolated multipliers must reduce the steps of b = 1
 
 
 def verify_b(progress: Progress | None = None, jobs: int = 1) -> Evidence:
-    """Stability, local errors, a light body, and the steps at equal error of the library; some minutes."""
+    """Evidence on stability, local errors, a light body, and steps at equal error for the library; some minutes."""
     began = time.perf_counter()
     items = run_all(STUDIES, progress, jobs)
     cells = [(name, kind) for kind in KINDS for name in constrained()]
@@ -57,7 +57,7 @@ def verify_b(progress: Progress | None = None, jobs: int = 1) -> Evidence:
 
 
 def stability(ratio: float) -> Row:
-    """Small vibrations of a hanging double pendulum, whose tension is constant, against (H33)."""
+    """Row: small vibrations of a hanging double pendulum with constant tension, against (H33)."""
     methods: list[Method] = [*({"b": b} for b in WEIGHTS), {"b": 0.0, "reaction": "midpoint"}]
     wrong = list[str]()
     for method in methods:
@@ -71,7 +71,7 @@ def stability(ratio: float) -> Row:
 
 
 def growth(ratio: float, frequency: float, count: int, **method: Any) -> Vector:
-    """Sizes (count,) after each step with h omega = ``frequency``, over that at the start."""
+    """Amplitudes (count,) after each step with h omega = ``frequency``, relative to that at the start."""
     omega = DoublePendulum.fastest(ratio)
     q0, v0 = DoublePendulum.straight(0.0)
     mode = np.array([1.0 - omega**2 / GRAVITY, 1.0])  # from r x2'' = -r g (x2 - x1)
@@ -82,7 +82,7 @@ def growth(ratio: float, frequency: float, count: int, **method: Any) -> Vector:
 
 
 def local_errors(h: float) -> Row:
-    """One step of the library's pendulum against (H31); alpha does not enter."""
+    """Row: one step of the library's pendulum against (H31), which does not contain alpha."""
     p, off, t0 = load_problem("simple_pendulum"), list[float](), 0.3  # where it has both a position and a velocity
     (x, u), end = _polar(p.exact(t0)), _polar(p.exact(t0 + h))  # type: ignore[misc]
     square = float(p.system.g / p.system.L)  # type: ignore[union-attr]
@@ -104,7 +104,7 @@ def _polar(at: Motion | State) -> Vector:
 
 
 def light_body(rtol: float) -> Row:
-    """A light body between two rods under error control, where b = 0 takes steps as (H33) allows them."""
+    """Row: steps for a light body between two rods under error control, where (H33) limits those of b = 0."""
     counts = {}
     for name, method in {"b = 0": {"b": 0.0}, "b = 1": {"b": 1.0}, EXTRAPOLATED: METHODS[EXTRAPOLATED]}.items():
         hht = HHT(DoublePendulum(ratio=LIGHT), **method)
@@ -116,17 +116,17 @@ def light_body(rtol: float) -> Row:
 
 
 def constrained() -> list[str]:
-    """The problems of the library with position constraints and a known motion."""
+    """Names of the library's problems with position constraints and a known motion."""
     problems = {name: load_problem(name) for name in list_problems()}
     known = {name: p.exact is not None or p.reference is not None for name, p in problems.items()}
     return [name for name, p in problems.items() if known[name] and hasattr(p.system, "constraint")]
 
 
 def work(name: str, kind: str) -> dict[str, float]:
-    """Steps at equal error over those with b = 0, for each method; empty where b = 0 does not come below ERROR.
+    """Steps at equal error relative to b = 0, by method; empty if b = 0 does not come below ERROR.
 
-    Errors are of order two in the steps, also under error control, so that steps times the root of the error are compared.
-    Infinite where a run fails, NaN where a method does not take the problem.
+    Errors are of order two in the steps, also under error control, so steps times the root of the error are compared.
+    Infinite where a run fails, NaN where a method does not accept the problem.
     """
     for request in KINDS[kind]:
         plain = run(name, request, **METHODS["b = 0"])
@@ -144,7 +144,7 @@ def _cost(one: Run) -> float:
 
 
 def work_rows(kind: str, found: dict[str, dict[str, float]]) -> list[Row]:
-    """Each problem and the quartiles over the library; b = 0.2 must take fewer steps than b = 0 in the median."""
+    """Rows for each problem and for the quartiles; b = 0.2 must take fewer steps than b = 0 in the median."""
     claim = f"{kind}: steps at error {ERROR:g} over those with b = 0"
     rows = [shown_row(f"{kind}/{name}", f"{name}, {claim}", at) for name, at in found.items()]
     table = np.array([list(at.values()) for at in found.values()])

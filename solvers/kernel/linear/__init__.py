@@ -1,1 +1,1 @@
-"""The linear algebra of Newton's matrix: what its entries are, which factorisation serves them, and solves with it."""
+"""Linear algebra of Newton's matrix: its entries, the choice of a factorisation, and solves."""

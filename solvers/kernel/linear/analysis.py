@@ -1,4 +1,4 @@
-"""Newton's matrix before its entries: which there are, which linear algebra serves them, and where the loops keep them."""
+"""Analysis of Newton's matrix: its pattern, the choice of linear algebra, and its layout in the loops' memory."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol.arguments import Vector
 from solvers.kernel import memory as mem
 from solvers.kernel.full import address_of
-from solvers.kernel.linear.matrix import PRODUCT
+from solvers.kernel.linear.matrix import MAX_INVERTED
 from solvers.kernel.linear.order import Order, find_order
 from solvers.kernel.memory import Memory, Sizes, allocate, integer_view, view
 from solvers.kernel.numbers import EPS, FULL_RANK
 
 KINDS = ("auto", "dense", "band", "sparse")
 CODES = {"inverse": mem.KIND_INVERSE, "band": mem.KIND_BAND, "dense": mem.KIND_DENSE, "sparse": mem.KIND_CALLBACK}
-NARROW = 64  # diagonals up to which a band is taken without a look at what SuperLU would fill
-BAND_GAIN = 5.0  # entries of a band that cost no more than one of SuperLU's: consecutive memory, no indices
-CROWDED = 0.3  # fill, as a part of the full matrix, from which sparse LU is slower than dense
-OUTSIDE_COST = 4.0  # what a factorisation that Python keeps costs, in iterations
+NARROW = 64  # diagonals up to which a band is taken without measuring SuperLU's fill
+BAND_GAIN = 5.0  # entries of a band that cost as much as one of SuperLU, which has indices
+MAX_FILL = 0.3  # fill relative to the full matrix above which sparse LU is slower than dense
+OUTSIDE_COST = 4.0  # cost of a factorisation in Python, in iterations
 NO_ORDER = Order(np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 4), np.int64))
 
 
 class SuperLU:
-    """Factorisations of matrices (size, size) with entries at ``rows`` and ``columns`` (entries,), in two places.
+    """Factorisations, in two places, of matrices (size, size) with entries at ``rows`` and ``columns`` (entries,).
 
-    Columns are ordered by COLAMD: MMD_AT_PLUS_A, made for symmetric patterns with pivots on the diagonal, meets zeros there
-    and fills in without bound when it pivots.
+    Columns are ordered by COLAMD: MMD_AT_PLUS_A, made for symmetric patterns with pivots on the diagonal, meets zeros
+    there and fills in without bound when it pivots.
     """
 
     def __init__(self, rows: Indices, columns: Indices, size: int) -> None:
@@ -42,71 +42,71 @@ class SuperLU:
         self._made: list[Any] = [None, None]
 
     def codes(self, callbacks: Callbacks) -> dict[str, tuple[int, int]]:
-        """Addresses by name of what the loops call."""
-        weak: Any = weakref.proxy(self)  # callbacks may outlive it: they are not to keep its factors
+        """Addresses of the callbacks for the loops, by name."""
+        weak: Any = weakref.proxy(self)  # callbacks may outlive this object and must not keep its factors
         factor = callbacks.entry(lambda *at: weak.factor(*at), 3, ((1,), self._places[0].shape))
         solve = callbacks.entry(lambda *at: weak.solve(*at), self._size, ((1,), (self._size,)))
         return {"factor": (factor, 0), "solve": (solve, 0)}
 
     def factor(self, lu: Vector, entries: Vector) -> Vector:
-        """1 where it succeeds, else 0; the least magnitude of a pivot; the rank."""
+        """Factorise into place ``lu``; (1 on success or 0, least magnitude of a pivot, rank)."""
         matrix: Any = sp.csc_array((entries, self._places), shape=(self._size, self._size))
         matrix.eliminate_zeros()
         try:
             made = splu(matrix, permc_spec="COLAMD")
-        except RuntimeError:  # SuperLU's word for a pivot of exactly zero
+        except RuntimeError:  # raised by SuperLU for a zero pivot
             return np.array([0.0, 0.0, self._size - 1.0])
         self._made[int(lu[0])] = made
         pivots = np.abs(made.U.diagonal())
         return np.array([1.0, pivots.min(), np.sum(pivots > FULL_RANK * EPS * pivots.max())])
 
     def solve(self, lu: Vector, right: Vector) -> Vector:
-        """The inverse of the matrix in ``lu`` times ``right`` (size,)."""
+        """Solve with the factors in ``lu`` for ``right`` (size,)."""
         return self._made[int(lu[0])].solve(right)
 
     @property
     def nbytes(self) -> int:
-        """Size of the factors, of 12 bytes an entry."""
+        """Bytes of the factors, 12 an entry."""
         return sum(12 * made.nnz for made in self._made if made is not None)
 
     def fill(self) -> int:
-        """Entries of the factors, measured on a matrix of the pattern with arbitrary values."""
+        """Number of entries of the factors, measured with random values."""
         made = self.factor(np.zeros(1), 1.0 + np.random.default_rng(0).random(self._places[0].size))
         return int(self._made[0].nnz) if made[0] > 0.0 else self._size * self._size
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """The entries of [matrix; dq1/dx; dv1/dx] and the linear algebra for them."""
+    """Pattern of [matrix; dq1/dx; dv1/dx] and the linear algebra chosen for it."""
 
     size: int  #: unknowns
     rows: Indices  #: (entries,) ascending, those of the matrix first
     columns: Indices  #: (entries,)
-    maps: int  #: rows of dq1/dx over dv1/dx, 2n
-    targets: Indices  #: (computed,) where what the matrix function returns goes in [residual; entries]
-    constants: Vector  #: (size + entries,) the others
+    maps: int  #: number of rows of dq1/dx over dv1/dx, 2n
+    targets: Indices  #: (computed,) positions in [residual; entries] of the matrix function's results
+    constants: Vector  #: (size + entries,) values of the constant ones
     kind: str = "dense"  #: or "inverse", "band", "sparse"
-    reason: str = "asked for"  #: why this kind, in words
-    order: Order = NO_ORDER  #: of a band
+    reason: str = "asked for"  #: reason for this kind
+    order: Order = NO_ORDER  #: order of rows and columns of a band
 
     @property
     def own(self) -> int:
-        """Entries of the matrix itself."""
+        """Number of entries of the matrix itself."""
         return int(np.searchsorted(self.rows, self.size))
 
     @property
     def storage(self) -> int:
-        """Numbers of one factorisation."""
+        """Length of the stored factors."""
         return {"band": self.order.storage, "dense": self.size**2}.get(self.kind, 0)
 
     @property
     def inverse(self) -> int:
-        """Numbers of one inverse, where it is kept."""
-        return self.size**2 if self.kind == "inverse" or (self.storage and self.size <= PRODUCT) else 0
+        """Length of the explicit inverse, 0 if none is used."""
+        return self.size**2 if self.kind == "inverse" or (self.storage and self.size <= MAX_INVERTED) else 0
 
     @property
     def matrix_cost(self) -> float:
-        """What a matrix and its factors cost, in iterations: by numbers computed, factors of bands and products."""
+        """Cost of evaluating and factorising the matrix, in iterations, estimated from operation counts."""
         if self.kind != "band":
             return OUTSIDE_COST
         _, count, lower, upper = self.order.blocks.T
@@ -114,7 +114,7 @@ class Analysis:
         return made / (self.rows.size + self.size + int((count * (2 * lower + upper)).sum()))
 
     def sections(self) -> dict[str, Any]:
-        """Integer sections of the loops' memory."""
+        """Integer sections of the loops' memory, by name."""
         own, size = self.own, self.size
         starts = np.searchsorted(self.rows[own:] - size, np.arange(self.maps + 1))
         named = {"targets": self.targets, "map_starts": starts, "map_columns": self.columns[own:]}
@@ -127,7 +127,7 @@ class Analysis:
         return named | self._blocks(np.argsort(self.order.rows)[i], np.argsort(self.order.columns)[j])
 
     def _blocks(self, i: Indices, j: Indices) -> dict[str, Any]:
-        """Where the entries at the places ``i, j`` (own,) stand in bands, and which couple blocks."""
+        """Positions in band storage of entries at permuted ``i`` and ``j`` (own,), and the entries that couple blocks."""
         order = self.order
         block = np.searchsorted(order.blocks[:, 0], np.arange(self.size), side="right") - 1
         start, count, lower, upper = order.blocks.T
@@ -148,9 +148,9 @@ class Analysis:
         }
 
     def memory(self, *, by_entries: bool = False, **sizes: int) -> Memory:
-        """Memory of the loops for this matrix and the other ``sizes``, with what does not change in it.
+        """Memory of the loops for this matrix and the other ``sizes``, with constants filled in.
 
-        ``by_entries``: with the places of the entries, for :mod:`~solvers.kernel.entries`.
+        ``by_entries``: include the positions of the entries, for :mod:`~solvers.kernel.entries`.
         """
         sections = self.sections()
         if by_entries:
@@ -166,12 +166,12 @@ class Analysis:
         return z
 
     def outside(self) -> SuperLU | None:
-        """What keeps factorisations in Python."""
+        """SuperLU for a sparse matrix, else None."""
         return SuperLU(self.rows[: self.own], self.columns[: self.own], self.size) if self.kind == "sparse" else None
 
 
 def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> Analysis:
-    """For the entries that machine code computes; systems of up to ``small`` unknowns keep the inverse."""
+    """Analysis of a matrix computed by machine code; up to ``small`` unknowns use an explicit inverse."""
     flat = np.union1d(matrix.varying, np.flatnonzero(matrix.constants))
     flat = flat[flat >= size]  # entries of matrix and maps, row by row
     places = np.concatenate([np.arange(size), flat])
@@ -183,7 +183,7 @@ def of_code(matrix: Native, size: int, n: int, linsolver: str, small: int) -> An
 
 
 def of_pattern(pattern: Pattern, size: int, linsolver: str, matrix: Native | None = None) -> Analysis:
-    """For the entries of a sparse derivative, which come after the residual; ``matrix``: machine code of what varies."""
+    """Analysis of a sparse derivative, whose entries follow the residual; ``matrix``: machine code of varying entries."""
     rows, columns = (np.asarray(indices, dtype=np.int64) for indices in (pattern.rows, pattern.columns))
     total = size + rows.size
     targets, constants = (np.arange(total), np.zeros(total)) if matrix is None else (matrix.varying, matrix.constants)
@@ -192,14 +192,14 @@ def of_pattern(pattern: Pattern, size: int, linsolver: str, matrix: Native | Non
 
 
 def full(size: int, n: int, linsolver: str, reason: str) -> Analysis:
-    """For full matrices."""
+    """Analysis of a full matrix."""
     rows, columns = (x.ravel() for x in np.indices((size + 2 * n, size)))
     entries = Analysis(size, rows, columns, 2 * n, np.arange(size + rows.size), np.zeros(size + rows.size), reason=reason)
     return entries if linsolver in ("auto", "dense") else chosen(entries, linsolver, measured=False)
 
 
 def chosen(entries: Analysis, linsolver: str, *, measured: bool) -> Analysis:
-    """The kind asked for, or with "auto" the cheapest: by the band, and where ``measured`` by SuperLU's fill."""
+    """``entries`` with the linear solver asked for, or with "auto" the cheapest, by band and ``measured`` fill."""
     if linsolver == "dense":
         return entries
     size, rows, columns = entries.size, entries.rows[: entries.own], entries.columns[: entries.own]
@@ -213,6 +213,6 @@ def chosen(entries: Analysis, linsolver: str, *, measured: bool) -> Analysis:
     if not measured and order.storage > size * size:
         return replace(entries, reason=f"{shape}, more than the full matrix")
     filled = SuperLU(rows, columns, size).fill() if measured else order.storage
-    if measured and min(filled, order.storage) > CROWDED * size * size:
+    if measured and min(filled, order.storage) > MAX_FILL * size * size:
         return replace(entries, reason=f"{filled} entries of {size} x {size} fill in")
     return band if order.storage <= BAND_GAIN * filled else replace(sparse, reason=f"{shape}; SuperLU fills {filled}")

@@ -1,7 +1,7 @@
-"""LU of narrow bands, one for each block of a block triangular matrix, and solves with it.
+"""LU factorisation of narrow bands, one for each block of a block triangular matrix, and solves.
 
 LAPACK's ``dgbtrs`` spends 40 ns a column on calls of BLAS for the three numbers that a chain has below its diagonal;
-these loops take a third of it, and a whole solve with its couplings is one call.  Algorithms of ``dgbtf2`` and ``dgbtrs``.
+these loops take a third of it, and a solve with all couplings is one call.  Algorithms of ``dgbtf2`` and ``dgbtrs``.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from solvers.kernel.sections import indices, part
 
 @compiled
 def factor_blocks(storage: Any, pivots: Any, blocks: Any) -> Any:
-    """LU with partial pivoting of every block in ``storage``; the least and the largest pivot, zeros as soon as one is zero.
+    """LU with partial pivoting of every block in ``storage``; returns the least and largest pivot, zeros at a zero pivot.
 
-    ``blocks`` (4 k,): first column, columns before the next block, lower and upper diagonals; a block's columns follow one
-    another in ``storage``, each with ``2 lower + upper + 1`` numbers.
+    ``blocks`` (4 k,): first column, number of columns, lower and upper diagonals; a block's columns are consecutive in
+    ``storage``, each with ``2 lower + upper + 1`` numbers.
     """
     offset, least, most = 0, math.inf, 0.0
     for k in range(0, blocks.size, 4):
@@ -58,22 +58,22 @@ def factor_blocks(storage: Any, pivots: Any, blocks: Any) -> Any:
 
 @compiled
 def count_pivots(storage: Any, blocks: Any, bound: Any) -> Any:
-    """How many pivots of :func:`factor_blocks` are larger than ``bound``."""
+    """Number of pivots of :func:`factor_blocks` larger than ``bound``."""
     offset, count = 0, 0
     for k in range(0, blocks.size, 4):
         height, main = 2 * blocks[k + 2] + blocks[k + 3] + 1, blocks[k + 2] + blocks[k + 3]
         for j in range(blocks[k + 1]):
-            count += 1 if bound * abs(storage[offset + j * height + main]) < 1.0 else 0  # their inverses are kept
+            count += 1 if bound * abs(storage[offset + j * height + main]) < 1.0 else 0  # inverses are stored
         offset += blocks[k + 1] * height
     return count
 
 
 @compiled
 def solve_blocks(z: Any, lu: Any, right: Any, y: Any, x: Any) -> None:
-    """Solve with the factors of :func:`factor_blocks`, block after block, into ``x``, with ``y`` to work in.
+    """Solve with the factors of :func:`factor_blocks`, block after block, into ``x``; ``y`` is work space.
 
-    Place i holds the scaled row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``, ``couplings``:
-    sparse rows of what a block takes from unknowns of earlier blocks.
+    Position i holds the scaled row ``rows[i]`` and column ``columns[i]`` of the matrix.  ``starts``, ``places``,
+    ``couplings``: sparse rows of the coupling to unknowns of earlier blocks.
     """
     rows, columns, blocks = indices(z, mem.ROWS), indices(z, mem.COLUMNS), indices(z, mem.BLOCKS)
     starts, places, couplings = indices(z, mem.STARTS), indices(z, mem.COUPLED), part(z, mem.COUPLINGS + lu)
@@ -99,9 +99,9 @@ def solve_blocks(z: Any, lu: Any, right: Any, y: Any, x: Any) -> None:
 
 @compiled
 def substitute(storage: Any, pivots: Any, lower: Any, upper: Any, y: Any) -> None:
-    """Solve with the factors of one block in place of its right-hand side, the first entries of ``y``."""
+    """Solve with the factors of one block, overwriting its right-hand side in the first entries of ``y``."""
     count, height, main, moved = pivots.size, 2 * lower + upper + 1, lower + upper, 0
-    carried = y[0]  # the next entry stays out of memory: to there and back it takes as long as the product
+    carried = y[0]  # the next entry is kept in a register: storing and loading takes as long as the product
     for j in range(count):
         column, pivot, first = j * height + main, pivots[j], carried
         moved = max(moved, pivot)

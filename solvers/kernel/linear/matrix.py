@@ -1,7 +1,7 @@
-"""Newton's matrix in the loops: made at the iterate, factorised into one of two places, solved with.
+"""Newton's matrix in the compiled loops: evaluated at the iterate, factorised into one of two places, solved with.
 
-One interface for four kinds: the inverse in straight lines of machine code (small systems), bands, LAPACK's LU of the full
-matrix, and what Python keeps (SuperLU).
+One interface for four kinds: the inverse in straight-line machine code (small systems), band LU, LAPACK's LU of the full
+matrix, and a factorisation held in Python (SuperLU).
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from solvers.kernel.sections import (
     view,
 )
 
-# unknowns up to which a product with the inverse, all of it in the nearest memory, is faster than two triangles
-PRODUCT = 48
-LEAST_ROW = 1e-300  # size of a row: the inverse of less is not a number
-OFTEN = 1.5  # solves for an unknown whose cost beyond products with the inverse is that of making it
+# unknowns up to which a product with the inverse, in L1 cache, is faster than two triangular solves
+MAX_INVERTED = 48
+MIN_ROW = 1e-300  # smallest row norm whose inverse does not overflow
+SOLVES_TO_INVERT = 1.5  # solves per unknown after which computing the inverse pays
 
 
 @compiled
 def renew(z: Any, lu: Any, h: Any, counts: Any) -> Any:
-    """The matrix at the iterate, into ``lu``, with what :func:`correct` takes; a failure's name, or CONVERGED."""
+    """Evaluate and factorise the matrix at the iterate into place ``lu``; returns CONVERGED or the reason for failure."""
     counts[mem.JACOBIANS] += 1
     made = part(z, mem.MADE_AT + lu)
     given = made.size - z.i[mem.SIZE]
@@ -50,7 +50,7 @@ def renew(z: Any, lu: Any, h: Any, counts: Any) -> Any:
 
 @compiled
 def inverse_at(z: Any, lu: Any) -> Any:
-    """A small system's correction with the matrix at the iterate, and its inverse into ``lu``."""
+    """Compute a small system's correction at the iterate, and the inverse of its matrix into ``lu``."""
     fresh, sized = part(z, mem.FRESH), z.i[mem.SIZE] + 2
     x, given = address(z, mem.X), address(z, mem.STEP)
     call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
@@ -66,7 +66,7 @@ def inverse_at(z: Any, lu: Any) -> Any:
 
 @compiled
 def factorise(z: Any, lu: Any) -> Any:
-    """Residual and factors of the matrix at the iterate, into ``lu``; a failure's name, or CONVERGED."""
+    """Evaluate residual and matrix at the iterate and factorise into ``lu``; returns CONVERGED or the reason for failure."""
     values, computed, targets, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.TARGETS), z.i[mem.SIZE]
     x, given = address(z, mem.X), address(z, mem.STEP)
     if z.i[mem.C_EARLY_MATRIX]:
@@ -84,7 +84,7 @@ def factorise(z: Any, lu: Any) -> Any:
 
 @compiled
 def factor(z: Any, lu: Any, entries: Any) -> Any:
-    """LU of the matrix of these ``entries`` with its rows scaled, into ``lu``; a failure's name, or CONVERGED."""
+    """LU of the row-scaled matrix with these ``entries``, into ``lu``; returns CONVERGED or the reason for failure."""
     scale_rows(z, lu, entries)
     if z.i[mem.KIND] == mem.KIND_BAND:
         return factor_band(z, lu)
@@ -93,24 +93,24 @@ def factor(z: Any, lu: Any, entries: Any) -> Any:
 
 @compiled
 def scale_rows(z: Any, lu: Any, entries: Any) -> None:
-    """The matrix of these ``entries`` with every row over its largest, into SCALED.
+    """Divide each row of the matrix by its largest entry, into SCALED.
 
-    Rows of constraints have the units of their users: unscaled, LU would answer for large ones alone, and Newton's iteration
-    stall with small ones unmet (compare ``dgeequb`` of LAPACK).
+    Rows of constraints have the user's units: unscaled, pivoting would favour large rows and Newton's iteration stall with
+    small ones violated (compare ``dgeequb`` of LAPACK).
     """
     starts, scales, scaled = indices(z, mem.ROW_STARTS), part(z, mem.ROW_SCALES + lu), part(z, mem.SCALED)
     for i in range(scales.size):
         most = 0.0
         for e in range(starts[i], starts[i + 1]):
             most = max(most, abs(entries[e]))
-        scales[i] = 1.0 / max(most, LEAST_ROW) if most > 0.0 else 1.0
+        scales[i] = 1.0 / max(most, MIN_ROW) if most > 0.0 else 1.0
         for e in range(starts[i], starts[i + 1]):
             scaled[e] = entries[e] * scales[i]
 
 
 @compiled
 def factor_band(z: Any, lu: Any) -> Any:
-    """Blocks of bands, and what couples them."""
+    """Factorise the diagonal blocks as bands and copy the entries that couple them."""
     storage, entries = stored(z, lu), part(z, mem.SCALED)
     blocks = indices(z, mem.BLOCKS)
     least, most = factor_blocks(storage, indices(z, mem.PIVOTS + lu), blocks)
@@ -125,7 +125,7 @@ def factor_band(z: Any, lu: Any) -> Any:
 
 @inlined
 def stored(z: Any, lu: Any) -> Any:
-    """The scaled matrix where its factors will be."""
+    """Copy the scaled matrix to where its factors will be."""
     entries = part(z, mem.SCALED)
     inside, places, storage = indices(z, mem.INSIDE), indices(z, mem.PLACES), part(z, mem.STORAGE + lu)
     for k in range(storage.size):
@@ -137,7 +137,7 @@ def stored(z: Any, lu: Any) -> Any:
 
 @compiled
 def factor_dense(z: Any, lu: Any) -> Any:
-    """LAPACK's LU with partial pivoting of the full matrix, column by column."""
+    """LAPACK's LU with partial pivoting (dgetrf) of the full matrix, column-major."""
     storage = stored(z, lu)
     order, matrix, pivots = index_address(z, mem.LAPACK), address(z, mem.STORAGE + lu), index_address(z, mem.PIVOTS + lu)
     invoke(z.i[mem.DGETRF], (order, order, matrix, order, pivots, order + 8 * mem.INFO))
@@ -153,7 +153,7 @@ def factor_dense(z: Any, lu: Any) -> Any:
 
 @compiled
 def factor_outside(z: Any, lu: Any) -> Any:
-    """A factorisation that Python keeps."""
+    """Factorise in Python (SuperLU), which keeps the factors."""
     part(z, mem.LU_ASKED)[0] = lu
     call_python(z, mem.C_FACTOR, mem.FACTOR_RESULT, (address(z, mem.LU_ASKED), address(z, mem.SCALED)))
     result, record = part(z, mem.FACTOR_RESULT), part(z, mem.RECORD + lu)
@@ -163,7 +163,7 @@ def factor_outside(z: Any, lu: Any) -> Any:
 
 @compiled
 def solve(z: Any, lu: Any, right: Any, out: Any) -> None:
-    """``out`` (size,): the inverse of the matrix in ``lu`` times ``right``."""
+    """Solve with the matrix in ``lu``: ``out`` (size,) is its inverse times ``right``."""
     kind, work, scales = z.i[mem.KIND], part(z, mem.WORK), part(z, mem.ROW_SCALES + lu)
     if kind == mem.KIND_INVERSE:
         times_inverse(z, lu, right, out)
@@ -187,10 +187,10 @@ def solve(z: Any, lu: Any, right: Any, out: Any) -> None:
 
 @compiled
 def solve_often(z: Any, lu: Any, right: Any, out: Any) -> None:
-    """The same for Newton's iteration, with an inverse once a kept matrix has served so often that it would have paid."""
+    """Solve as :func:`solve`, by an explicit inverse once the factorisation has been used often enough to pay for it."""
     record, size = part(z, mem.RECORD + lu), z.i[mem.SIZE]
     record[mem.USES] += 1.0
-    if size > PRODUCT or z.i[mem.KIND] == mem.KIND_CALLBACK or record[mem.USES] <= OFTEN * size:
+    if size > MAX_INVERTED or z.i[mem.KIND] == mem.KIND_CALLBACK or record[mem.USES] <= SOLVES_TO_INVERT * size:
         solve(z, lu, right, out)
         return
     if record[mem.INVERTED] == 0.0:
@@ -213,7 +213,7 @@ def times_inverse(z: Any, lu: Any, right: Any, out: Any) -> None:
 
 @compiled
 def invert(z: Any, lu: Any) -> None:
-    """The inverse of the matrix in ``lu``, column by column."""
+    """Compute the inverse of the matrix in ``lu``, column by column."""
     right, columns, size = part(z, mem.RIGHT), part(z, mem.INVERSE + lu), z.i[mem.SIZE]
     for j in range(size):
         for i in range(size):
@@ -224,7 +224,7 @@ def invert(z: Any, lu: Any) -> None:
 
 @compiled
 def move(z: Any, lu: Any, increment: Any) -> None:
-    """What an increment of the unknowns makes of q1 and v1, into CHANGE."""
+    """Changes of q1 and v1 due to an increment of the unknowns, into CHANGE."""
     starts, columns, maps = indices(z, mem.MAP_STARTS), indices(z, mem.MAP_COLUMNS), part(z, mem.MAPS + lu)
     changes = part(z, mem.CHANGE)
     for i in range(changes.size):
@@ -236,7 +236,7 @@ def move(z: Any, lu: Any, increment: Any) -> None:
 
 @compiled
 def moved_by(z: Any, lu: Any, increment: Any) -> Any:
-    """Largest magnitudes of an increment's change of q1 and of v1; NaN if there is one."""
+    """Largest changes of q1 and of v1 due to an increment; NaN if any is."""
     move(z, lu, increment)
     changes, n = part(z, mem.CHANGE), z.i[mem.N]
     in_q, in_v = largest(changes[:n]), largest(changes[n:])
@@ -246,17 +246,17 @@ def moved_by(z: Any, lu: Any, increment: Any) -> Any:
 
 @compiled
 def respond(z: Any, lu: Any) -> None:
-    """What the right-hand side in RIGHT makes of the unknowns, SOLUTION, and of q1 and v1, CHANGE."""
+    """Solve for the right-hand side in RIGHT: unknowns into SOLUTION, changes of q1 and v1 into CHANGE."""
     solve(z, lu, part(z, mem.RIGHT), part(z, mem.SOLUTION))
     move(z, lu, part(z, mem.SOLUTION))
 
 
 @compiled
 def correct(z: Any, lu: Any, code: Any, evaluated: Any) -> Any:
-    """The correction with the matrix in ``lu`` into INCREMENT; its largest changes of q1 and of v1, NaN if there is one.
+    """Compute the Newton correction with the matrix in ``lu`` into INCREMENT; returns its largest changes of q1 and v1.
 
-    ``code`` computes the residual, or its constraint rows alone.  ``evaluated``: the residual is there, or of a small
-    system the correction itself.
+    ``code`` computes the residual or its constraint rows alone.  ``evaluated``: the residual (of a small system the
+    correction itself) is already there.  NaN if any change is.
     """
     increment = part(z, mem.INCREMENT)
     if z.i[mem.KIND] == mem.KIND_INVERSE:
@@ -274,9 +274,9 @@ def correct(z: Any, lu: Any, code: Any, evaluated: Any) -> Any:
 
 @inlined
 def early(z: Any) -> None:
-    """What every iterate's residual needs of the known values; a function in Python computes it anew each time."""
+    """Precompute the part of the residual that depends on known values only; callbacks in Python compute it each time."""
     x, given = address(z, mem.X), address(z, mem.STEP)
-    if z.i[mem.KIND] == mem.KIND_INVERSE:  # x and what else varies are given, and not looked at
+    if z.i[mem.KIND] == mem.KIND_INVERSE:  # x and other varying arguments are passed but not used
         call(z, mem.C_EARLY, mem.EARLY, (x, x, x, given))
     elif z.i[mem.C_EARLY]:
         call(z, mem.C_EARLY, mem.EARLY, (x, given))
@@ -284,7 +284,7 @@ def early(z: Any) -> None:
 
 @compiled
 def step_back(z: Any) -> None:
-    """x less the increment."""
+    """Subtract the increment from the iterate x."""
     x, increment = part(z, mem.X), part(z, mem.INCREMENT)
     for i in range(x.size):
         x[i] -= increment[i]

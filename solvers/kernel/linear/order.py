@@ -1,4 +1,4 @@
-"""The order of a sparse matrix: blocks that can be solved one after the other, each a narrow band.
+"""Ordering of a sparse matrix into a sequence of blocks, each a narrow band.
 
 A step's matrix is often block triangular: with forces that depend neither on q nor on v the accelerations come first,
 then ``lam0`` from the position level, then ``lam1`` from the velocity level.  Each block is sorted by reverse Cuthill-McKee.
@@ -15,30 +15,30 @@ from scipy.sparse.csgraph import connected_components, maximum_bipartite_matchin
 
 from hhtbench.lowering.compile.coloured import Indices
 
-DEEPEST = 8  # blocks after one another; a longer sequence costs more calls than its narrower bands save
+MAX_LEVELS = 8  # of blocks: a longer sequence costs more calls than its narrower bands save
 
 
 @dataclass(frozen=True)
 class Order:
-    """Places of rows and columns, and the blocks they form."""
+    """Permutations of rows and columns, and the diagonal blocks."""
 
-    rows: Indices  #: (size,) place -> row
-    columns: Indices  #: (size,) place -> column
-    blocks: Indices  #: (k, 4) int64: first place, places, lower and upper diagonals
+    rows: Indices  #: (size,) position -> row
+    columns: Indices  #: (size,) position -> column
+    blocks: Indices  #: (k, 4) int64: first position, number of columns, lower and upper diagonals
 
     @property
     def storage(self) -> int:
-        """Numbers that all bands hold, those for pivoting included."""
+        """Length of the storage of all bands, including room for pivoting."""
         return int(np.sum(self.blocks[:, 1] * (2 * self.blocks[:, 2] + self.blocks[:, 3] + 1)))
 
     @property
     def text(self) -> str:
-        """The blocks in words."""
+        """The blocks as text: columns (lower + upper diagonals) of each."""
         return ", ".join(f"{count} ({lower} + {upper})" for _, count, lower, upper in self.blocks)
 
 
 def find_order(rows: Indices, columns: Indices, size: int) -> Order:
-    """The order for a matrix with entries at ``rows`` and ``columns`` (entries,)."""
+    """Find the order of a matrix with entries at ``rows`` and ``columns`` (entries,)."""
     pattern: Any = sp.csr_array((np.ones(rows.size, dtype=np.int8), (rows, columns)), shape=(size, size))
     row_of = _matched(pattern)  # column -> the row that stands on its diagonal
     back = np.argsort(row_of)
@@ -59,7 +59,7 @@ def find_order(rows: Indices, columns: Indices, size: int) -> Order:
 
 
 def _matched(pattern: Any) -> Indices:
-    """For every column a row with an entry there, each row once; the diagonal where it is whole or nothing is."""
+    """A distinct row with an entry for every column, by maximum matching; the diagonal if it is full or none exists."""
     size = pattern.shape[0]
     if np.all(pattern.diagonal() != 0):
         return np.arange(size)
@@ -68,13 +68,13 @@ def _matched(pattern: Any) -> Indices:
 
 
 def _levels(graph: Any) -> Indices:
-    """(size,) for every place the number of blocks before its own; all zero where there would be too many."""
+    """(size,) number of blocks before that of each row; all zero if there are too many."""
     count, component = connected_components(graph, directed=True, connection="strong")
     entries = graph.tocoo()
     own, other = component[entries.row], component[entries.col]
     own, other = own[own != other], other[own != other]
     level = np.zeros(count, dtype=np.int64)
-    for _ in range(DEEPEST):
+    for _ in range(MAX_LEVELS):
         deeper = level.copy()
         np.maximum.at(deeper, own, level[other] + 1)
         if np.array_equal(deeper, level):
