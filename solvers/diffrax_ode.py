@@ -143,7 +143,7 @@ class _Called:
 
 
 def _check_ahead(run: Run, lost: float) -> None:
-    """Find a value that is not finite on the way, by Euler's step, to a failed step's end ``lost`` (NaN: unknown)."""
+    """Make the guard note a value that is not finite on Euler's step to a failed step's end ``lost`` (NaN: skip)."""
     if np.isfinite(lost):
         t, y, h = run.t, run.y, lost - run.t
         slope = run.rhs(t, y)

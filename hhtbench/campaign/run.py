@@ -110,7 +110,7 @@ def run_cell(
 ) -> dict[str, Any]:
     """Run a cell and return its row without the key; ``warm["s"]`` stores the time of the pair's first warm-up.
 
-    ``draw`` selects the rows of the result that are checked closely.
+    ``phase`` is called with the name of each phase that begins; ``draw`` selects the rows that are checked closely.
     """
     phase(WARM_UP)
     request = request_of(problem, asked)

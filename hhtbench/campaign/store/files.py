@@ -38,7 +38,7 @@ def store_file(path: Any) -> Path:
 
 
 def take_lock(path: Path) -> Any:
-    """Lock ``<store>.lock`` exclusively; the system releases the lock when this process ends, however it ends.
+    """Return ``<store>.lock``, open and locked exclusively until it is closed or this process ends, however it ends.
 
     ``path`` is the file itself, not a link to it: else two runners through two names would both write.
     """

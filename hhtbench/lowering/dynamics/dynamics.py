@@ -84,7 +84,7 @@ class Dynamics:
 
     @property
     def dependencies(self) -> Dynamics:
-        """The dynamics whose functions the sparsity of derivatives is read from."""
+        """The dynamics on which sparsity of derivatives is detected: itself, or a stand-in made of known patterns."""
         return self
 
     @unless_given

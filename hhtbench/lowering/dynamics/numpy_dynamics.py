@@ -187,7 +187,7 @@ class NumpyDynamics(Dynamics):
         return by_q, None, self.reaction_columns(t, q, v, lam)
 
     def velocity_constraint_rows(self, t: Any, q: Any, v: Any) -> Any:
-        """k_v (p, n) by fewer calls, as :meth:`constraint_rows`."""
+        """k_v (p, n) as declared, else cached and by differences of order 2, not 4, so by half the calls."""
         if self.gives("velocity_constraint_jacobian"):
             return self.velocity_constraint_jacobian(t, q, v)
 

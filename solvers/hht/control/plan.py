@@ -86,7 +86,7 @@ class ByError(Plan):
 
     @property
     def by_error(self) -> ByError:  # type: ignore[override]
-        """The plan itself."""
+        """This plan, since it is under error control; None of any other plan."""
         return self
 
     def first(self, state: State) -> float:

@@ -79,7 +79,7 @@ def diagnosed(system: Any, options: Any, status: Status, place: Place, h: float,
 
 
 def noise(engine: Engine, state: State | Place, finest: float) -> str:
-    """Names the functions of a NumPy system whose values differ between calls with equal, or nearly equal, arguments.
+    """Message naming functions of a NumPy system whose values differ between calls with (nearly) equal arguments, or "".
 
     Differences far below the tolerance ``finest`` are ignored.
     """

@@ -14,7 +14,7 @@ Codes = dict[str, tuple[int, int]]  # addresses of functions and of their parame
 
 
 def python_codes(engine: Stepped, callbacks: Callbacks) -> Codes:
-    """Addresses of Python functions for ``engine``, by name.
+    """Addresses of Python functions for ``engine`` and of their parameters (0: none), by name.
 
     They hold a weak reference, since callbacks of a system's functions outlive the engine.
     """

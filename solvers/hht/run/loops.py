@@ -111,14 +111,14 @@ class Loops:
             self._stops_early = o.remaining > 0.0 and tolerances.finest >= o.finest
 
     def load(self, state: State, values: Vector | None, *, controlled: bool, fallback: bool) -> None:
-        """Load ``state`` into the memory, recompute its factorisation, and set the ``values`` of event functions.
+        """Load ``state`` into the memory, remake the factorisation it holds, and set event ``values`` (None: keep them).
 
         ``fallback``: a failure of Newton's iteration may be due to declared derivatives.
 
         Raises
         ------
         ProblemError
-            It is a state of another system, or of other options.
+            An array of the state has not the shape that this system with these options has.
         """
         self.raise_noted()
         z = self.z

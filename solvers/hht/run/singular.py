@@ -56,7 +56,7 @@ class Place(Start):
 
 @dataclass(frozen=True)
 class SingularPosition:
-    """A position where rows of the constraints become dependent."""
+    """When rows of the constraints become dependent, their rank there, and which rows; for a message."""
 
     t: float  #: [s]
     rows: int  #: number of constraints
