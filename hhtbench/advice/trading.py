@@ -65,10 +65,9 @@ class Trade(Printed):
     def sentence(self) -> str:
         """The solver to take, or what each candidate reported if none reaches an error."""
         found = sentence(self.fronts, self.criteria)
-        if not found and not self.rows and not self.unknown:
-            return f"Cannot tell: the reference took the {self.seconds:.0f} s that were given; give more seconds."
         if not found:
-            return failure(self._said(), [row.status for row in self.rows], self.unknown)
+            ends = [row.status for row in self.rows] or ([] if self.unknown else ["untried"])
+            return failure(self._said(), ends, self.unknown)
         untried = sum(why == UNTRIED for why in self.left_out.values())
         found = f"{found[:-1]}; {untried} candidates were not tried: give more seconds." if untried else found
         return f"{found} {self.note}".rstrip()

@@ -105,6 +105,7 @@ HINTS = {
     "declined": "run `hhtbench check` and `hhtbench describe` on the problem",
     "deadline": "give more seconds, or a shorter span",
     "unreliable": "`hhtbench check` compares derivatives, starts and energy; a wrong one makes every solver doubtful",
+    "untried": "give more seconds: no candidate could begin in time",
     "user_exception": "mend the function that raised",
     "nonfinite_callback": "mend the function that returned a value that is not finite",
 }

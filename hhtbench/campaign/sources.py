@@ -18,8 +18,7 @@ from hhtbench.catalogue.specs import Spec
 
 NUMERICS = ("hhtbench.campaign.run",)  #: what turns problem and solver into numbers; its imports are followed
 ALWAYS = ("numpy", "scipy", "jax", "jaxlib", "equinox")
-NOT_DATA = {".py", ".pyc", ".md"}
-NAMED_BY_STEM = {".json", ".toml"}  #: data that a module may name without its ending; others are often results
+NOT_DATA = {".py", ".pyc", ".md", ".html", ".png", ".svg", ".gif", ".db"}  # nor stores: .sqlite, .sqlite-wal
 
 
 @dataclass(frozen=True)
@@ -120,8 +119,9 @@ class SourceReader:
         folders = [module.file.parent, *inner]
         for folder in folders:
             for file in sorted(folder.iterdir()):
-                named = file.name in words or (file.suffix in NAMED_BY_STEM and file.stem in words)
-                if named and file.suffix not in NOT_DATA and file.is_file():
+                if file.suffix in NOT_DATA or file.suffix.startswith(".sqlite"):
+                    continue
+                if (file.name in words or file.stem in words) and file.is_file():
                     name = file.relative_to(module.file.parent).as_posix()
                     yield f"{module.name}: {name}", hashlib.sha256(file.read_bytes()).hexdigest()
 

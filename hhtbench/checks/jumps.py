@@ -190,7 +190,7 @@ class _Search:
         return self._merged(sorted(self._found))
 
     def _split(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> list[tuple[Any, ...]]:
-        """Bisect the intervals in which a function is not a polynomial of degree five; the others are dropped."""
+        """Split intervals in which a function is no polynomial of degree five: in three around a kink of g, else in two."""
         inside = low[:, None] + PLACES[1:-1] * (high - low)[:, None]
         values = self._at(inside.ravel()).reshape(*inside.shape, -1)
         values = np.concatenate([of_low[:, None], values, of_high[:, None]], axis=1)
@@ -199,7 +199,33 @@ class _Search:
             return []
         low, high, of_low, of_high = (x[bent] for x in (low, high, of_low, of_high))
         middle, of_middle = inside[bent, 2], values[bent, 3]
-        return [(middle, high, of_middle, of_high), (low, middle, of_low, of_middle)]
+        sides = self._kinks(low, high, of_low, of_high)
+        of_sides = [self._at(side) for side in sides]
+        kink = (low < sides[0]) & (sides[0] < sides[1]) & (sides[1] < high) & self._beyond(of_sides[1] - of_sides[0])
+        first, of_first = np.where(kink, sides[0], middle), np.where(kink[:, None], of_sides[0], of_middle)
+        last, of_last = np.where(kink, sides[1], middle), np.where(kink[:, None], of_sides[1], of_middle)
+        return [
+            (last, high, of_last, of_high),
+            *([(first[kink], last[kink], of_first[kink], of_last[kink])] if kink.any() else []),
+            (low, first, of_low, of_first),
+        ]
+
+    def _kinks(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> tuple[Vector, Vector]:
+        """Times just before and after those at which tangents of g meet, of the row whose slope changes most."""
+        slopes, m = np.flatnonzero(self._kinds == "g_t"), self._s.m
+        if not slopes.size:
+            return low, low
+        change = (of_high - of_low)[:, slopes]
+        most = np.argmax(np.abs(change) / self._allowed[slopes], axis=1)
+        row, each = slopes[most], np.arange(low.size)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            g = of_low[each, row - m], of_high[each, row - m]
+            at = low + (of_high[each, row] * (high - low) - (g[1] - g[0])) / change[each, most]
+            blur = 4.0 * np.finfo(float).eps * np.maximum(*np.abs(g)) / np.abs(change[each, most])
+        at = np.where(np.isfinite(at), np.clip(at, low, high), low)
+        beside = np.maximum(NEIGHBOURS * np.spacing(np.abs(at)), np.where(np.isfinite(blur), blur, 0.0))
+        beside = np.maximum(beside, self._shortest)
+        return np.maximum(at - beside, low), np.minimum(at + beside, high)
 
     def _halved(self, low: Vector, high: Vector, of_low: Matrix, of_high: Matrix) -> list[tuple[Any, ...]]:
         """Halve intervals too short for seven values in which a function changes; those that cannot be halved are jumps."""

@@ -24,7 +24,7 @@ class Placement(NamedTuple):
 
 
 def placed_with_ground(q: Array) -> Placement:
-    """Placement of the k bodies of ``q`` (3 k,) and of the ground, which is number k (or -1) and has the plane's frame."""
+    """Placement of the k bodies of ``q`` (3 k,) and of the ground, which is number -1 and has the plane's frame."""
     bodies = jnp.concatenate([expect_split("q", q, 3), jnp.zeros((1, 3))])
     return Placement(bodies[:, :2], bodies[:, 2])
 
@@ -81,7 +81,7 @@ def velocity_at(v: Array, body: Any, offset: Any) -> Array:
     A body rolls if this is zero at its point of contact: a velocity constraint.
     """
     velocities = expect_split("v", v, 3)
-    body = expect_bodies("body", body, len(velocities))
+    body = expect_bodies("body", body, len(velocities), ground=False)
     bodies, offset = velocities[body], expect_rows("offset", offset, body, 2)
     rate = bodies[..., 2:]
     return bodies[..., :2] + rate * jnp.stack([-offset[..., 1], offset[..., 0]], axis=-1)
@@ -89,7 +89,7 @@ def velocity_at(v: Array, body: Any, offset: Any) -> Array:
 
 def mass_of_bodies(m: Any, J: Any) -> Array:
     """Diagonal (3 k,) of the mass matrix from masses ``m`` (k,) [kg] and central moments of inertia ``J`` (k,) [kg m^2]."""
-    m, J = jnp.asarray(m), jnp.asarray(J)
+    m, J = jnp.atleast_1d(jnp.asarray(m), jnp.asarray(J))
     if m.ndim != 1 or m.shape != J.shape:
         raise ValueError(f"m and J must hold a number for each body; got shapes {m.shape} and {J.shape}.")
     return jnp.stack([m, m, J], axis=-1).ravel()

@@ -26,22 +26,26 @@ def expect_rows(name: str, value: Any, bodies: Array, *size: int) -> Array:
 
 
 def expect_pairs(first: Any, second: Any, count: int) -> tuple[Array, Array]:
-    """Return the body numbers ``first`` (j,) and ``second`` (j,) of j joints as arrays; raise if their lengths differ."""
+    """Return body numbers ``first`` (j,) and ``second`` (j,) of j joints; raise if lengths differ and none is 1."""
     one, other = expect_bodies("first", first, count), expect_bodies("second", second, count)
-    if one.shape != other.shape:
+    if one.size != other.size and 1 not in (one.size, other.size):
         raise ValueError(f"first and second must be lists of as many bodies; got shapes {one.shape} and {other.shape}.")
-    return one, other
+    return tuple(jnp.broadcast_arrays(one, other))  # type: ignore[return-value]
 
 
-def expect_bodies(name: str, bodies: Any, count: int) -> Array:
-    """Numbers (j,) of bodies, of which there are ``count``; JAX would take the last one for a number beyond it."""
+def expect_bodies(name: str, bodies: Any, count: int, *, ground: bool = True) -> Array:
+    """Return the numbers (j,) of bodies; of ``count`` the last is the ground, -1, unless there is none.
+
+    JAX itself would take the last body for a number beyond it.
+    """
     found = jnp.asarray(bodies)
     if found.ndim != 1:
         raise ValueError(f"{name} must be a list of numbers of bodies; got shape {found.shape}.")
     if isinstance(bodies, list | tuple | np.ndarray):
         for body in np.asarray(bodies).tolist():
-            if not -count <= body < count:
-                raise ValueError(f"{name} names body {body}; there are bodies 0 to {count - 2}, and the ground is -1.")
+            if not (0 <= body < count - ground or (ground and body == -1)):
+                end = ", and the ground is -1" if ground else ""
+                raise ValueError(f"{name} names body {body}; there are bodies 0 to {count - 1 - ground}{end}.")
     return found
 
 

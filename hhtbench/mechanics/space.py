@@ -137,7 +137,7 @@ class Placement(NamedTuple):
 
 
 def placed_with_ground(q: Array) -> Placement:
-    """Placement of the k bodies of ``q`` (7 k,) and of the ground, which is number k (or -1) and has the frame of space."""
+    """Placement of the k bodies of ``q`` (7 k,) and of the ground, which is number -1 and has the frame of space."""
     x, p = split(q)
     return Placement(jnp.concatenate([x, jnp.zeros((1, 3))]), jnp.concatenate([rotation(p), jnp.eye(3)[None]]))
 
@@ -181,5 +181,6 @@ def velocity_at(q: Array, v: Array, body: Any, offset: Any) -> Array:
 
     A body rolls if this is zero at its point of contact: a velocity constraint.
     """
-    (_, p), (xdot, pdot), body = split(q), split(v), jnp.asarray(body)
+    (_, p), (xdot, pdot) = split(q), split(v)
+    body = expect_bodies("body", body, len(p), ground=False)
     return xdot[body] + jnp.cross(space_rate(p[body], pdot[body]), expect_rows("offset", offset, body, 3))

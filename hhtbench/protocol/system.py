@@ -300,7 +300,11 @@ class Scales:
     mu: Any = 1.0
 
 
-UNSCALED = Scales()  #: the default: no scales declared
+class Unscaled(Scales):
+    """Scales of a problem that declares none; a class of its own, which copies and pickles keep."""
+
+
+UNSCALED = Unscaled()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -363,7 +367,7 @@ class Problem(Printed):
     @property
     def note_on_scales(self) -> str:
         """Note for messages that errors are unscaled; empty string if the problem declares scales."""
-        return "The problem declares no scales: errors are in its own units." if self.scales is UNSCALED else ""
+        return "The problem declares no scales: errors are in its own units." if isinstance(self.scales, Unscaled) else ""
 
     def __repr__(self) -> str:
         (t0, t1), tags = self.t_span, f", {', '.join(self.tags)}" if self.tags else ""

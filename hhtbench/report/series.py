@@ -81,7 +81,7 @@ def _chart(
     if not found:
         return None
     traces, marks = [], []
-    end = max(series.t[-1] for series in found)
+    end = max((series.t[-1] for series in found), key=lambda t: abs(t - found[0].t[0]))  # time may run backward
     order = solver_order(series.point.entry for series in found)  # HHT's thick lines first, below the others'
     for series in sorted(found, key=lambda series: order.index(series.point.entry)):
         run = series.point
@@ -90,7 +90,7 @@ def _chart(
         component = "" if series.component is None else f"component {series.component}<br>"
         traces.append(Trace(entry=run.entry, x=t, y=value, note=f"{component}{described(run)}"))
         if not run.success:
-            marks.append(mark_of(run, series.t[-1], value[-1] if run.status == DOUBTED else None))
+            marks.append(mark_of(run, series.t[-1], value[-1] if value and run.status == DOUBTED else None))
     zero = logarithmic_y and any(y is not None and y <= LEAST_DRIFT for trace in traces for y in trace.y)
     floor = f" Zero is drawn at {LEAST_DRIFT:.0e}." if zero else ""
     if zero and all(y is None or y <= LEAST_DRIFT for trace in traces for y in trace.y):
@@ -131,7 +131,7 @@ def _thinned(series: TimeSeries, end: float) -> tuple[tuple[float, ...], tuple[f
     largest: dict[int, float] = {}
     start = series.t[0]
     for t, value in zip(series.t, series.value, strict=True):
-        stretch = min(int(MAX_POINTS * (t - start) / (end - start)), MAX_POINTS - 1) if end > start else 0
+        stretch = min(int(MAX_POINTS * (t - start) / (end - start)), MAX_POINTS - 1) if end != start else 0
         if value is not None:
             largest[stretch] = max(value, largest.get(stretch, LEAST_DRIFT))
     width = (end - start) / MAX_POINTS

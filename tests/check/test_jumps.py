@@ -184,3 +184,17 @@ def test_impulse_along_the_rope_turns_the_load(twice):
     np.testing.assert_allclose(after, [2.0, 2.0 + 2.0 * rate * np.cos(theta), 2.0 * rate * np.sin(theta)], rtol=1e-13)
     rope = 5.0 * (after - v)[1] / (0.0 - q[1])  # m dv = -G^T p, by the load's row
     np.testing.assert_allclose(impulse[1::2].sum(), rope, rtol=1e-12)
+
+
+def test_a_table_of_many_places_is_searched_whole_in_plain_functions():
+    times = np.linspace(0.0, 12.0, 122)
+    places, slopes = np.sin(times), np.diff(np.sin(times)) / np.diff(times)
+    system = hb.NumpySystem(
+        force=lambda t, q, v: np.zeros(1),
+        constraint=lambda t, q: q - np.interp(t, times, places),
+        constraint_jacobian=lambda t, q: np.ones((1, 1)),
+        constraint_time_derivative=lambda t, q: -slopes[[np.clip(np.searchsorted(times, t, "right") - 1, 0, 120)]],
+        constraint_acceleration=lambda t, q, v: np.zeros(1),
+    )
+    found = find_jumps(hb.Problem(name="table", system=system, t_span=(0.0, 12.0), q0=[0.0], v0=[slopes[0]]))
+    np.testing.assert_allclose(found.times, times[1:-1], atol=1e-9)

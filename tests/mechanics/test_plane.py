@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import hhtbench as hb
-from hhtbench.mechanics import forces, plane
+from hhtbench.mechanics import forces, plane, space
 from tests.lowering.xla import values
 from tests.test_docs import run_page
 
@@ -149,7 +149,7 @@ def test_a_wrong_shape_names_the_argument():
     for call, reason in (
         (lambda: plane.revolute_rows(at, [0], [1], [0.5, 0.0], O), r"a must have the shape \(1, 2\).*got \(2,\)"),
         (lambda: plane.revolute_rows(at, [0], [1], X, [[0.0, 0.0, 1.0]]), r"b must have the shape \(1, 2\).*got \(1, 3\)"),
-        (lambda: plane.revolute_rows(at, [0, 1], [1], X, O), r"first and second .* \(2,\) and \(1,\)"),
+        (lambda: plane.revolute_rows(at, [0, 1, 0], [1, 0], X, O), r"first and second .* \(3,\) and \(2,\)"),
         (lambda: plane.slot_rows(at, [0], [1], O, O, [1.0, 0.0]), "along must have"),
         (lambda: plane.velocity_at(jnp.zeros(6), [0, 1], np.zeros((3, 2))), r"offset must have the shape \(2, 2\)"),
     ):
@@ -160,9 +160,13 @@ def test_a_wrong_shape_names_the_argument():
 def test_a_body_that_does_not_exist_is_refused():
     """JAX takes the last body for a number beyond it, which would be another mechanism."""
     at = plane.placed_with_ground(jnp.zeros(6))
-    for call in (lambda: plane.revolute_rows(at, [0], [7], X, O), lambda: plane.points_on(at, [-4], O)):
-        with pytest.raises(ValueError, match=r"names body (7|-4); there are bodies 0 to 1, and the ground is -1"):
+    for call in (lambda: plane.revolute_rows(at, [0], [2], X, O), lambda: plane.points_on(at, [-2], O)):
+        with pytest.raises(ValueError, match=r"names body (2|-2); there are bodies 0 to 1, and the ground is -1"):
             call()
+    with pytest.raises(ValueError, match=r"names body -1; there are bodies 0 to 1\."):
+        plane.velocity_at(jnp.zeros(6), [-1], O)  # the ground has no velocity in v
+    with pytest.raises(ValueError, match=r"names body 1; there are bodies 0 to 0\."):
+        space.velocity_at(jnp.zeros(7), jnp.zeros(7), [1], np.zeros((1, 3)))
 
 
 def test_sizes_that_are_no_bodies_are_refused():

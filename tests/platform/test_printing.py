@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 import subprocess
 import sys
@@ -81,7 +82,9 @@ def test_a_wrong_option_of_a_request_leads_to_the_right_one():
 
 def test_only_a_problem_without_scales_is_said_to_declare_none():
     given = {"system": hb.load_problem("simple_pendulum").system, "t_span": (0, 1), "q0": [1, 0], "v0": [0, 0]}
-    assert "no scales" in hb.Problem(name="own", **given).note_on_scales
+    own = hb.Problem(name="own", **given)
+    assert "no scales" in own.note_on_scales
+    assert "no scales" in copy.deepcopy(own).note_on_scales
     assert hb.Problem(name="own", scales=hb.Scales(q=1.0, v=1.0), **given).note_on_scales == ""
 
 

@@ -188,6 +188,19 @@ def test_drift_over_time_keeps_its_largest_value_when_thinned_and_zero_can_be_dr
     assert "Zero is drawn at 1e-18" in chart.caption
 
 
+def test_drift_of_a_motion_that_runs_backward_is_spread_over_its_times():
+    t = [10.0 - i / 100 for i in range(1000)]
+    chart = _charts([run("ida", 1e-4, 1e-4, 100, series={"drift": {"t": t, "position": [1e-9] * 1000}})])["drift-position"]
+    (trace,) = chart.traces
+    assert len(trace.x) > 30
+    assert max(trace.x) - min(trace.x) > 9.0
+
+
+def test_a_run_that_is_not_believed_and_has_no_drift_is_no_error():
+    series = {"drift": {"t": [0.0, 0.5], "position": [None, None]}}
+    _charts([run("ida", 1e-4, 1e-4, 100, series=series, status="unreliable")])
+
+
 def test_drift_of_a_failed_run_is_drawn_as_far_as_it_came_with_its_status_at_the_end():
     series = {"drift": {"t": [0.0, 0.5], "position": [1e-9, 1e-8]}}
     rows = [run("ida", 1e-4, None, 100, status="newton_failed", series=series), failed("scipy", 1e-4, "crashed")]

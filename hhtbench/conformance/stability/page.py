@@ -23,7 +23,7 @@ ABOUT = (
     "runs of a solver. The error that counts as right stands at each axis: under error control mostly a hundred times the "
     "tolerance, for prescribed steps the error of a method of second order. "
     f"A solver is safe on an axis where no cell is wrong with a success and at least {100 * SAFE:g} % are right. "
-    "Rows M1 to M5 and M10 of hhtbench study acceptance hold the matrix of HHT's step, row S6 spans of 1e300 s. "
+    "Tests named by rows M1 to M5 and M10 of the acceptance matrix hold the matrix of HHT's step, row S6 spans of 1e300 s. "
     "Maps of stability of the solvers of game engines are in arXiv 2504.19771 (2025)."
 )
 PALEST = 0.35

@@ -49,7 +49,7 @@ def setup_of(system: System | NumpySystem, options: HHTOptions, events: tuple[Ev
     chosen["without"] = ", ".join(o.without)
     chosen["events"] = ", ".join(event.name for event in events)
     fields = {f"parameter {name}": value for name, value in named(system)[0].items()}
-    return {"system": type(system).__name__, **fields, **chosen}
+    return {"system": type(system).__qualname__, **fields, **chosen}
 
 
 def named(system: System | NumpySystem) -> tuple[dict[str, str], str]:
