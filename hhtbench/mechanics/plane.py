@@ -24,7 +24,7 @@ class Placement(NamedTuple):
 
 
 def placed_with_ground(q: Array) -> Placement:
-    """Placement of the k bodies of ``q`` (3 k,) and of the ground, which is number -1 and has the plane's frame."""
+    """Placement of the k bodies of ``q`` (3 k,) and of the ground, which is number k or -1 and has the plane's frame."""
     bodies = jnp.concatenate([expect_split("q", q, 3), jnp.zeros((1, 3))])
     return Placement(bodies[:, :2], bodies[:, 2])
 

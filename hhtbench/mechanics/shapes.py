@@ -43,8 +43,8 @@ def expect_bodies(name: str, bodies: Any, count: int, *, ground: bool = True) ->
         raise ValueError(f"{name} must be a list of numbers of bodies; got shape {found.shape}.")
     if isinstance(bodies, list | tuple | np.ndarray):
         for body in np.asarray(bodies).tolist():
-            if not (0 <= body < count - ground or (ground and body == -1)):
-                end = ", and the ground is -1" if ground else ""
+            if not (0 <= body < count or (ground and body == -1)):
+                end = f", and the ground is -1 or {count - 1}" if ground else ""
                 raise ValueError(f"{name} names body {body}; there are bodies 0 to {count - 1 - ground}{end}.")
     return found
 

@@ -137,7 +137,7 @@ class Placement(NamedTuple):
 
 
 def placed_with_ground(q: Array) -> Placement:
-    """Placement of the k bodies of ``q`` (7 k,) and of the ground, which is number -1 and has the frame of space."""
+    """Placement of the k bodies of ``q`` (7 k,) and of the ground, which is number k or -1 and has the frame of space."""
     x, p = split(q)
     return Placement(jnp.concatenate([x, jnp.zeros((1, 3))]), jnp.concatenate([rotation(p), jnp.eye(3)[None]]))
 

@@ -160,8 +160,8 @@ def test_a_wrong_shape_names_the_argument():
 def test_a_body_that_does_not_exist_is_refused():
     """JAX takes the last body for a number beyond it, which would be another mechanism."""
     at = plane.placed_with_ground(jnp.zeros(6))
-    for call in (lambda: plane.revolute_rows(at, [0], [2], X, O), lambda: plane.points_on(at, [-2], O)):
-        with pytest.raises(ValueError, match=r"names body (2|-2); there are bodies 0 to 1, and the ground is -1"):
+    for call in (lambda: plane.revolute_rows(at, [0], [3], X, O), lambda: plane.points_on(at, [-2], O)):
+        with pytest.raises(ValueError, match=r"names body (3|-2); there are bodies 0 to 1, and the ground is -1 or 2"):
             call()
     with pytest.raises(ValueError, match=r"names body -1; there are bodies 0 to 1\."):
         plane.velocity_at(jnp.zeros(6), [-1], O)  # the ground has no velocity in v
