@@ -18,7 +18,7 @@ from hhtbench.lowering.compile.loops import FloatArray, IntArray
 HIGHEST = 5  #: number of earlier steps whose unknowns are kept; a guess has at most one degree less
 GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  #: the step; a0 by the weights of a - f, of f and of a1
 HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  #: numbers of the state, of which t matters to the equations
-CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one")  #: memory of step control
+CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one", "bound", "matrices")  #: memory of step control
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +88,7 @@ NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS,
 
 NEWTON_CONSTANTS = (
     "tolerance", "margin", "stagnation", "stalled", "other_step", "refresh_rate", "worst_rate", "matrix_cost", "remaining",
-    "stiff",
+    "stiff", "slow",
 )  # fmt: skip
 
 # The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
@@ -107,24 +107,26 @@ LAM_AHEAD = floats(lambda s: s.applied)
 INVERSE_MASS = floats(lambda s: s.inverse_mass)
 X_LAST = floats(lambda s: s.size)
 X_EARLIER = floats(lambda s: HIGHEST * s.size)
+H_EARLIER = floats(lambda s: HIGHEST)  # signed lengths of these steps [s]
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: which of two it uses, or -1
 
-# What error control remembers: h_next, the last two steps, error (-1: none), whether R_k is known; f + r before and after
-# the last step; R_k; q before the last two steps and before the last.
+# What error control remembers: h_next, the last two steps, error (-1: none), whether R_k is known, the longest step that
+# Newton's iteration is trusted with, the matrices that it made in the last step; f + r before and after the last step; R_k; q
+# before the last two steps and before the last.
 CONTROL = floats(lambda s: len(CONTROL_NUMBERS))
 BEFORE = floats(lambda s: s.n)
 ACCELERATION = floats(lambda s: s.n)
 REACTION_K = floats(lambda s: s.n)
 Q_FIRST = floats(lambda s: s.n)
 Q_BEFORE = floats(lambda s: s.n)
-H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K, LAST_BUT_ONE = range(5)  # in CONTROL
+H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K, LAST_BUT_ONE, BOUND, MATRICES = range(7)  # in CONTROL
 
 # Of the two stored factorisations: numbers of each, and the arguments of the matrix.  The state ends here.
 RECORD = pairs(lambda s: 7)
 MADE_AT = pairs(lambda s: s.size + s.given)
 
 # An attempt at a step: its numbers; iterate, residual, result of the matrix function, all entries; its end.
-ATTEMPT = floats(lambda s: 11)
+ATTEMPT = floats(lambda s: 13)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
@@ -145,9 +147,9 @@ NOISE = floats(lambda s: 2)  # roundoff of an increment in q1 and v1, measured a
 BASE_X = floats(lambda s: s.size)  # iterate and whole increment of a damped iteration
 FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
-# In ATTEMPT; LEAPS: 1 + the coordinate that leapt, or 0.
+# In ATTEMPT; LEAPS: 1 + the coordinate that leapt, or 0; MADE: matrices of this attempt; FAILURES: of attempts before it.
 H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)
-ROOT_TOLERANCE, COST, LEAPS = range(8, 11)
+ROOT_TOLERANCE, COST, LEAPS, MADE, FAILURES = range(8, 13)
 
 # Its error: raw errors, a point (t, q, v) for evaluations, the constraint levels there.
 RAW = floats(lambda s: 3 * s.n)
@@ -193,7 +195,7 @@ VIOLATION, SPREAD, ASYMMETRY, CONDITION = range(4)  # in START_CHECKS; SPREAD: o
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, STALLED, OTHER_STEP, REFRESH_RATE, WORST_RATE, MATRIX_COST = range(3, 11)
-REMAINING, STIFF, LEAST_OFF = range(11, 14)
+REMAINING, STIFF, SLOW, LEAST_OFF = range(11, 15)
 
 # Positions of the entries of the matrix and of the maps below it, see solvers.kernel.linear.analysis.
 TARGETS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(

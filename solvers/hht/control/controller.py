@@ -15,6 +15,7 @@ from solvers.kernel.acceleration import acceleration_level
 from solvers.kernel.compiled import compiled, spacing
 from solvers.kernel.sections import part, put, view
 
+RELAX = 1.04  # growth per step of the bound that failures set, if the step took no new matrix
 NO_ESTIMATE = -1.0  # marks an error that was not estimated: that of a step far shorter than proposed
 
 
@@ -31,7 +32,8 @@ class ControlOptions(NamedTuple):
     shrink: float = 0.2  #: most per step: outside the asymptotic range an estimate says no more than "much less"
     keep: tuple[float, float] = (0.9, 1.15)  #: factors of plain integral control at which step and factorisation are kept
     least: float = 1e-4  #: smaller errors count as this: a vanishing estimate does not predict the next step
-    after_failure: float = 0.25  #: factor after Newton has failed
+    after_failure: float = 0.5  #: factor after Newton has failed
+    below_failure: float = 0.7  #: bound on the next steps over a length at which Newton has failed
     spacings: float = 16.0  #: shortest step in spacings of floating-point times
     grown: float = 100.0  #: factor by which an error must exceed that of a force jump to count as roundoff
 
@@ -74,11 +76,11 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
     The next step is proposed from the length before its end was rounded to a floating-point time.
     """
     control, tried, t = part(z, mem.CONTROL), part(z, mem.ATTEMPT), part(z, mem.NUMBER)[mem.T]
-    proposed = min(control[mem.H_NEXT], o.max_step)
+    proposed = min(control[mem.H_NEXT], control[mem.BOUND], o.max_step)
     length, rejected, failed, last = max(proposed, o.min_step), 0, mem.NO_ADVANCE, 0.0
     least = max(o.min_step, o.spacings * spacing(abs(t)))
     smallest = abs(representable(t, math.copysign(least, stop - t)))
-    tried[mem.FIRST_H] = 0.0
+    tried[mem.FIRST_H] = tried[mem.FAILURES] = 0.0
     while True:
         asked = length
         fitted, t1 = fit(t, math.copysign(asked, stop - t), stop, o.min_step)
@@ -96,6 +98,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
             return mem.FALL_BACK
         if ended != mem.CONVERGED:
             failed = ended
+            control[mem.BOUND] = o.below_failure * abs(h)
         elif rejected == 0 and abs(h) < REMAINDER * proposed and step_is_known(control, o):
             tried[mem.ERROR_SIZE], tried[mem.NEXT_H] = NO_ESTIMATE, asked
             return mem.CONVERGED
@@ -103,7 +106,8 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
             size = estimate(z, counts)
             tried[mem.ERROR_SIZE] = size
             if size <= 1.0:
-                h_next = length * growth(o, size, control[mem.LAST_ERROR], rejected > 0)
+                factor = growth(o, size, control[mem.LAST_ERROR], rejected > 0)
+                h_next = length * min(factor, most_growth(tried[mem.MADE]))
                 tried[mem.NEXT_H] = max(h_next, asked) if length < asked else h_next
                 return mem.CONVERGED
             counts[mem.REJECTED] += 1
@@ -115,6 +119,12 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
         if abs(h) <= smallest:
             return failed
         length, rejected = max(length * factor, smallest), rejected + 1
+
+
+@compiled
+def most_growth(matrices: Any) -> Any:
+    """Largest factor of the next step after Newton's iteration made so many ``matrices``: it converges slowly."""
+    return max(1.3 - 0.1 * matrices, 0.7) if matrices > 1.0 else math.inf
 
 
 @compiled
@@ -168,7 +178,9 @@ def remember(z: Any) -> None:
     """Store what the next error estimate and the controller need."""
     n, control, tried = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.ATTEMPT)
     control[mem.H_NEXT], control[mem.LAST] = tried[mem.NEXT_H], tried[mem.H_TRIED]
-    control[mem.LAST_ERROR] = tried[mem.ERROR_SIZE]
+    control[mem.LAST_ERROR], control[mem.MATRICES] = tried[mem.ERROR_SIZE], tried[mem.MADE]
+    if tried[mem.MADE] < 2.0:
+        control[mem.BOUND] *= RELAX if tried[mem.MADE] == 0.0 else RELAX**0.25
     put(part(z, mem.BEFORE), 0, part(z, mem.ACCELERATION))
     put(part(z, mem.ACCELERATION), 0, part(z, mem.RAW)[2 * n : 3 * n])
     if z.i[mem.P] > 0:

@@ -33,7 +33,7 @@ from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import ControlMemory, Factorised, State
 from solvers.kernel.memory import GIVEN, HEAD
 
-MAGIC, VERSION = b"hhtbench HHT checkpoint", 9
+MAGIC, VERSION = b"hhtbench HHT checkpoint", 10
 RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
 NUMBERS = np.dtype("<f8")  # numbers of arrays

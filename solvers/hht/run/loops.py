@@ -221,7 +221,8 @@ class Loops:
         if memory is not None:
             error = -1.0 if memory.error is None else memory.error
             has_reaction = memory.velocity_reaction is not None
-            self.section(mem.CONTROL)[:] = memory.h_next, memory.last, error, has_reaction, memory.last_but_one
+            numbers = memory.h_next, memory.last, error, has_reaction, memory.last_but_one, memory.bound, memory.matrices
+            self.section(mem.CONTROL)[:] = numbers
         for owner, sections in ((state, OF_STATE), (memory, OF_CONTROL)):
             for name, section in sections.items():
                 values = getattr(owner, name, None)
@@ -229,6 +230,7 @@ class Loops:
                     self.section(section)[:] = values.ravel()
         if earlier is not None:
             self.section(mem.X_EARLIER)[: earlier.size] = earlier.ravel()
+            self.section(mem.H_EARLIER)[: len(earlier)] = state.lengths
 
 
 def _bound(z: Memory, control: Any, plain: bool, entry: Any) -> Callable[..., Any]:
@@ -267,6 +269,8 @@ class KeptState(NamedTuple):
             return None if lu < 0.0 else self._factorised(int(lu))
         if name == "earlier":
             return self.part(mem.X_EARLIER).reshape(HIGHEST, -1)[: int(known) - 1] if known > 1.0 else None
+        if name == "lengths":
+            return self.part(mem.H_EARLIER)[: int(known) - 1] if known > 1.0 else None
         found = self.part(OF_STATE[name])
         if name == "inverse_mass":
             n = self.part(mem.Q).size
@@ -274,7 +278,7 @@ class KeptState(NamedTuple):
         return None if name == "unknowns" and not known else found
 
     def _memory(self) -> ControlMemory:
-        h_next, last, error, has_reaction, last_but_one = self.part(mem.CONTROL).tolist()
+        h_next, last, error, has_reaction, last_but_one, bound, matrices = self.part(mem.CONTROL).tolist()
         return ControlMemory(
             h_next=h_next,
             last=last,
@@ -285,6 +289,8 @@ class KeptState(NamedTuple):
             acceleration=self.part(mem.ACCELERATION),
             velocity_reaction=self.part(mem.REACTION_K) if has_reaction else None,
             error=None if error < 0.0 else error,
+            bound=bound,
+            matrices=matrices,
         )
 
     def _factorised(self, lu: int) -> Factorised:
@@ -295,7 +301,7 @@ class KeptState(NamedTuple):
 def state_sections(z: Memory) -> tuple[slice, Parts]:
     """Slice of the state in the memory's floats, and the slices of its sections within it."""
     pairs = (mem.RECORD, mem.RECORD + 1, mem.MADE_AT, mem.MADE_AT + 1)
-    sections = (mem.NUMBER, *OF_STATE.values(), mem.X_EARLIER, mem.CONTROL, *OF_CONTROL.values(), *pairs)
+    sections = (mem.NUMBER, *OF_STATE.values(), mem.X_EARLIER, mem.H_EARLIER, mem.CONTROL, *OF_CONTROL.values(), *pairs)
     bounds = {section: z.i[2 * section : 2 * section + 2].tolist() for section in sections}
     first = min(start for start, _ in bounds.values())
     parts = {section: slice(start - first, start - first + size) for section, (start, size) in bounds.items()}
@@ -316,6 +322,7 @@ def misfits(state: State, layout: Layout, given: int) -> list[str]:
     vectors = dict.fromkeys(("q", "v", "a", "f", "vdot"), (s.n,)) | {"lam": (s.m,), "mu": (s.p,)}
     vectors |= dict.fromkeys(("lam_before", "lam_applied"), (s.m if layout.extrapolated else 0,))
     matrices = {"inverse_mass": (s.n, s.n), "unknowns": (size,), "earlier": (known, size)}
+    vectors |= {"lengths": (known,)}
     found = misshapen(state, vectors | matrices) + misshapen(state.memory, dict.fromkeys(OF_CONTROL, (s.n,)))
     found += misshapen(state.factorised, {"at": (size + given,)})
     return found + [f"the mass is {s.mass}"] * ((state.inverse_mass is None) == (s.mass == "variable"))

@@ -154,6 +154,7 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
         inverse_mass=inverse,
         unknowns=None,
         earlier=None,
+        lengths=None,
         factorised=None,
         memory=None,
         size_q=float(np.max(np.abs(q))),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from solvers.hht.equations.formulas import EXTRAPOLATION, MUCH_SHORTER
@@ -37,14 +38,17 @@ def start_weights(z: Any, h: Any) -> Any:
 
 @compiled
 def guess(z: Any, h: Any) -> None:
-    """Predict the unknowns by extrapolation from steps of equal length; else take those of the last step, (H46)."""
+    """Predict the unknowns by extrapolation from earlier steps; else take those of the last step, (H46)."""
     x, last, before, number = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.NUMBER)
     size, count, degree = x.size, int(number[mem.KNOWN]) - 1, 0
     if count < 0:
         plain_guess(z, z.i[2 * mem.LAM])
         return
-    if count > 0 and number[mem.H] == h:
-        degree = best_degree(z, count)
+    equal = equal_steps(z, h)
+    if equal > 0:
+        degree = best_degree(z, equal)
+    elif count > 1 and from_unequal_steps(z, h, count):
+        return
     put(x, 0, last)
     if degree == 0 and z.i[mem.O_LAM0] >= 0:
         put(x, z.i[mem.O_LAM0], last[z.i[mem.O_LAM1] : z.i[mem.O_LAM1] + z.i[mem.M]])
@@ -55,6 +59,76 @@ def guess(z: Any, h: Any) -> None:
             for k in range(degree):
                 total += weights[k + 1] * before[k * size + i]
             x[i] = total
+
+
+@compiled
+def equal_steps(z: Any, h: Any) -> Any:
+    """Number of steps before the last that have, as the last, the length ``h``."""
+    number, lengths, count = part(z, mem.NUMBER), part(z, mem.H_EARLIER), 0
+    while number[mem.H] == h and count < number[mem.KNOWN] - 1.0 and lengths[count] == h:
+        count += 1
+    return count
+
+
+@compiled
+def from_unequal_steps(z: Any, h: Any, count: Any) -> Any:
+    """Extrapolate the unknowns in time from steps of different lengths, (H62); False if the last ones predict as well.
+
+    The degree, 1 or 2, is the one that would have predicted the last unknowns best from the ``count`` steps before.
+    """
+    x, last, earlier, lengths = part(z, mem.X), part(z, mem.X_LAST), part(z, mem.X_EARLIER), part(z, mem.H_EARLIER)
+    size, m, lam0, lam1, h0 = last.size, z.i[mem.M], z.i[mem.O_LAM0], z.i[mem.O_LAM1], part(z, mem.NUMBER)[mem.H]
+    h1, h2, h3, three = lengths[0], lengths[1], lengths[2], count > 2
+    e0 = e1 = e2 = u = v = w = p = r = s = 0.0
+    known = math.nan
+    for i in range(size):
+        own = share_of_step(z, i)
+        if own != known:
+            t0, t1, t2 = own * h0, (own - 1.0) * h1, (own - 1.0) * h2 - h1
+            t3 = (own - 1.0) * h3 - h1 - h2
+            u, v, w = lagrange(t0, t1, t2, 0.0, False)
+            if three:
+                p, r, s = lagrange(t0, t1, t2, t3, True)
+            known = own
+        a, b = earlier[i], earlier[size + i]
+        e0 = max(e0, abs(last[i] - (earlier[lam1 + i - lam0] if 0 <= lam0 <= i < lam0 + m else a)))
+        e1 = max(e1, abs(last[i] - u * a - v * b))
+        if three:
+            e2 = max(e2, abs(last[i] - p * a - r * b - s * earlier[2 * size + i]))
+    degree = 2 if three and e2 < min(e0, e1) else 1
+    if degree == 1 and not e1 < e0:
+        return False
+    known = math.nan
+    for i in range(size):
+        own = share_of_step(z, i)
+        if own != known:
+            t1, t2 = (own - 1.0) * h0, (own - 1.0) * h1 - h0
+            u, v, w = lagrange(own * h, t1, t2, (own - 1.0) * h2 - h0 - h1, degree == 2)
+            known = own
+        x[i] = u * last[i] + v * earlier[i] + (w * earlier[size + i] if degree == 2 else 0.0)
+    return True
+
+
+@compiled
+def share_of_step(z: Any, i: Any) -> Any:
+    """Time in its step, over its length, at which the unknown of index ``i`` approximates a function of time."""
+    n, m = z.i[mem.N], z.i[mem.M]
+    if i < n:
+        return 1.0 + part(z, mem.CONSTANTS)[mem.ALPHA]
+    if 0 <= z.i[mem.O_LAM0] <= i < z.i[mem.O_LAM0] + m or 0 <= z.i[mem.O_R0] <= i < z.i[mem.O_R0] + n:
+        return 1.0 / 3.0
+    if 0 <= z.i[mem.O_LAM1] <= i < z.i[mem.O_LAM1] + m or 0 <= z.i[mem.O_R1] <= i < z.i[mem.O_R1] + n:
+        return 2.0 / 3.0
+    return 0.5
+
+
+@compiled
+def lagrange(t: Any, a: Any, b: Any, c: Any, quadratic: Any) -> Any:
+    """Weights of values at ``a``, ``b`` and, if ``quadratic``, ``c`` in the polynomial through them at ``t``."""
+    if not quadratic:
+        return (t - b) / (a - b), (t - a) / (b - a), 0.0
+    of_a, of_b = (t - b) * (t - c) / ((a - b) * (a - c)), (t - a) * (t - c) / ((b - a) * (b - c))
+    return of_a, of_b, 1.0 - of_a - of_b
 
 
 @compiled
@@ -138,6 +212,10 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         counts[mem.RESTARTS] += 1
+        tried[mem.FAILURES] += 1.0
+        if z.i[mem.CONTROLLED] and number[mem.H] != 0.0 and tried[mem.FAILURES] < 2.0:
+            tried[mem.SLOT], tried[mem.CONTRACTION] = lu, rate
+            return ended
         early(z)  # it may have held the one value that was not finite
         level = multipliers_anew(z, h, counts)
         plain_guess(z, level)
@@ -241,13 +319,16 @@ def accept(z: Any, row: Any) -> None:
     tried = part(z, mem.ATTEMPT)
     h, t1, lu = tried[mem.H_TRIED], tried[mem.T_END], int(tried[mem.SLOT])
     row[0], row[1] = t1, h
-    same = number[mem.KNOWN] > 0.0 and number[mem.H] == h
-    earlier, last, size = part(z, mem.X_EARLIER), part(z, mem.X_LAST), x.size
-    known = min(number[mem.KNOWN] + 1.0, HIGHEST + 1.0) if same else 1.0
-    if same:
+    remainder = z.i[mem.CONTROLLED] and tried[mem.ERROR_SIZE] < 0.0  # its unknowns are mostly roundoff
+    earlier, last, lengths, size = part(z, mem.X_EARLIER), part(z, mem.X_LAST), part(z, mem.H_EARLIER), x.size
+    known = min(number[mem.KNOWN] + 1.0, HIGHEST + 1.0)
+    if known > 1.0:
         for i in range(HIGHEST * size - 1, size - 1, -1):
             earlier[i] = earlier[i - size]
         put(earlier, 0, last)
+        for k in range(HIGHEST - 1, 0, -1):
+            lengths[k] = lengths[k - 1]
+        lengths[0] = number[mem.H]
     put(last, 0, x)
     k = put(row, 2, end[: 3 * n])
     start = x[z.i[mem.O_LAM0] : z.i[mem.O_LAM0] + m] if z.i[mem.O_LAM0] >= 0 else part(z, mem.LAM)  # those before the step
@@ -261,7 +342,7 @@ def accept(z: Any, row: Any) -> None:
     put(part(z, mem.LAM_APPLIED), 0, part(z, mem.LAM_AHEAD))
     if z.i[mem.VARIABLE]:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
-    number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, known
+    number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, 1.0 if remainder else known
     record = part(z, mem.RECORD + lu)
     record[mem.RATE], record[mem.KEPT_COST] = tried[mem.CONTRACTION], tried[mem.COST]
     number[mem.FACTOR] = lu

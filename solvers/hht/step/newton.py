@@ -47,6 +47,7 @@ class NewtonOptions:
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
     matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
     remaining: float = 0.01  #: share of the step's tolerance left in force rows, (H35); 0: iterate to roundoff
+    slow: float = 0.05  #: contraction of a matrix of this step above which another is made at the iterate
     stiff: float = 10.0  #: imbalance over increment from which directions are stiff: they may have turned since
     finest: float = 1e-5  #: rtol below which force rows are iterated to roundoff: that costs hardly more
     max_iterations: int = 15  #: with a stored matrix; a fresh one needs 2 to 4
@@ -69,6 +70,8 @@ class Iteration(NamedTuple):
     first: float  #: size of the first increment by this matrix
     taken: int  #: number of increments after the first
     stagnated: bool  #: a matrix at the iterate has already failed once to shrink the increment
+    last_first: float  #: size of the first increment by the matrix before, of this step; infinity: none
+    before: float  #: the same of the matrix before that one
 
 
 FRESH_ITERATIONS = 2.0  # iterations that a step with a fresh matrix takes
@@ -81,7 +84,7 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
     ``stored``: index of the state's factorisation, or -1.  It is used while it contracts, then replaced by a fresh one.
     """
     i, spare = begun(z, stored, h), 1 - stored if stored >= 0 else 0
-    kept = i.lu >= 0
+    kept, made = i.lu >= 0, 0.0
     for taken in range(z.i[mem.MAX_ITERATIONS]):
         counts[mem.NEWTON] += 1
         renewed = i.lu < 0
@@ -91,7 +94,8 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
             ended = renew(z, spare, h, counts)
             if ended != mem.CONVERGED:
                 return ended, -1, 0.0
-            i = Iteration(i.rows, spare, True, i.size, 0.0, 0.0, i.first, i.taken, i.stagnated)
+            made += 1.0
+            i = Iteration(i.rows, spare, True, i.size, 0.0, 0.0, i.first, i.taken, i.stagnated, i.last_first, i.before)
         code = mem.C_CONSTRAINTS if i.rows == CONSTRAINTS else mem.C_RESIDUAL
         in_q, in_v = corrected(z, i.lu, code, renewed, counts)
         moved = scaled(z, in_q, in_v)
@@ -108,6 +112,7 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
         if decision not in (RENEW_HERE, ALL_AGAIN):
             step_back(z)
         if decision == DONE:
+            part(z, mem.ATTEMPT)[mem.MADE] = made
             part(z, mem.ATTEMPT)[mem.COST] = cost_with_kept(z, stored, i.fresh, taken + 1.0 if kept else 0.0)
             return mem.CONVERGED, i.lu, i.worst
         i = after(i, decision)
@@ -124,10 +129,11 @@ def begun(z: Any, stored: Any, h: Any) -> Any:
         record, o = part(z, mem.RECORD + lu), part(z, mem.CONSTANTS)
         worst = record[mem.RATE]
         slow = rows == UNTIL_ALLOWED and worst > o[mem.REFRESH_RATE]  # fewer increments than to roundoff tell less of it
+        slow = slow or (rows == UNTIL_ALLOWED and part(z, mem.CONTROL)[mem.MATRICES] > 1.0)
         dear = record[mem.KEPT_COST] > FRESH_ITERATIONS + o[mem.MATRIX_COST] > FRESH_ITERATIONS
         if slow or dear or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
             lu, worst = -1, 0.0
-    return Iteration(rows, lu, False, math.inf, 0.0, worst, 0.0, 0, False)
+    return Iteration(rows, lu, False, math.inf, 0.0, worst, 0.0, 0, False, math.inf, math.inf)
 
 
 @compiled
@@ -146,7 +152,17 @@ def incremented(i: Any, size: Any) -> Any:
     rate = size / i.size if seen else 0.0
     worst = max(rate, i.worst, MIN_RATE)
     return Iteration(
-        i.rows, i.lu, i.fresh, size, rate, worst, i.first if seen else size, i.taken + 1 if seen else 0, i.stagnated
+        i.rows,
+        i.lu,
+        i.fresh,
+        size,
+        rate,
+        worst,
+        i.first if seen else size,
+        i.taken + 1 if seen else 0,
+        i.stagnated,
+        i.last_first,
+        i.before,
     )
 
 
@@ -154,7 +170,7 @@ def incremented(i: Any, size: Any) -> Any:
 def after(i: Any, decision: Any) -> Any:
     """State of the iteration after a ``decision`` that continues it."""
     if decision == STALL:
-        return Iteration(ALL_ROWS, -1, i.fresh, i.size, 0.0, 0.0, i.first, i.taken, True)
+        return Iteration(ALL_ROWS, -1, i.fresh, i.size, 0.0, 0.0, i.first, i.taken, True, i.last_first, i.before)
     if decision in (RENEW, RENEW_HERE):
         return with_new_matrix(i)
     rows, size = i.rows, i.size
@@ -162,13 +178,14 @@ def after(i: Any, decision: Any) -> Any:
         rows = CONSTRAINTS
     elif decision == ALL_AGAIN:
         rows, size = ALL_ROWS, math.inf
-    return Iteration(rows, i.lu, i.fresh, size, i.rate, i.worst, i.first, i.taken, i.stagnated)
+    return Iteration(rows, i.lu, i.fresh, size, i.rate, i.worst, i.first, i.taken, i.stagnated, i.last_first, i.before)
 
 
 @compiled
 def with_new_matrix(i: Any) -> Any:
     """State of the iteration that requests a new factorisation; contraction rates start anew."""
-    return Iteration(i.rows, -1, i.fresh, math.inf, 0.0, 0.0, i.first, i.taken, i.stagnated)
+    last_first, before = (i.first, i.last_first) if i.fresh else (math.inf, math.inf)
+    return Iteration(i.rows, -1, i.fresh, math.inf, 0.0, 0.0, i.first, i.taken, i.stagnated, last_first, before)
 
 
 @compiled
@@ -185,9 +202,11 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
     if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.lu, counts):
         return DONE if i.stagnated else STALL  # the second time with a matrix at the very iterate
     if i.taken == 0:
-        return GO_ON
-    if i.fresh:
+        return DIVERGES if i.size > max(o[mem.WORST_RATE] * i.before, o[mem.STAGNATION]) else GO_ON
+    if i.fresh and (i.rate <= o[mem.SLOW] or i.rows == CONSTRAINTS or i.size <= o[mem.STAGNATION]):
         return DIVERGES if i.rate > o[mem.WORST_RATE] else GO_ON
+    if i.fresh:
+        return RENEW if i.rate < 1.0 else RENEW_HERE
     if not outworn(z, i):
         return GO_ON
     return RENEW if i.rate < 1.0 else RENEW_HERE
@@ -221,7 +240,8 @@ def restarted(z: Any, stored: Any, h: Any, damped: Any, counts: Any) -> Any:
     last, before, halvings = math.inf, math.inf, 0
     unmeasured(z)
     part(z, mem.ATTEMPT)[mem.COST] = 0.0
-    for _ in range(MAX_DAMPED if damped else z.i[mem.MAX_ITERATIONS]):
+    for made in range(MAX_DAMPED if damped else z.i[mem.MAX_ITERATIONS]):
+        part(z, mem.ATTEMPT)[mem.MADE] = made + 1.0
         if not spend(z, counts):
             return mem.SPENT, -1, 0.0
         counts[mem.NEWTON] += 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,6 +23,8 @@ class ControlMemory:
     acceleration: Vector  #: (n,) f + r after it
     velocity_reaction: Vector | None = None  #: (n,) R_k, reaction of the velocity constraints
     error: float | None = None  #: size of the step's error over its tolerance, (H26)
+    bound: float = math.inf  #: longest step [s] for which Newton's iteration is expected to converge
+    matrices: float = 0.0  #: matrices that it made in the last step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +54,8 @@ class State(Filled):
     vdot: Vector  #: (n,) acceleration estimate at t [m/s^2, rad/s^2]
     inverse_mass: Matrix | None  #: (n, n) at (t, q) where the mass varies
     unknowns: Vector | None  #: (size,) unknowns of the last step
-    earlier: Matrix | None  #: (k, size) unknowns of up to ``HIGHEST`` = 5 steps of equal length before, newest first
+    earlier: Matrix | None  #: (k, size) unknowns of up to ``HIGHEST`` = 5 steps before, newest first
+    lengths: Vector | None  #: (k,) signed lengths of these steps [s]
     factorised: Factorised | None  #: the stored factorisation
     size_q: float  #: largest |q| seen
     size_v: float  #: largest |v| seen

@@ -18,6 +18,7 @@ from solvers.kernel.sections import address, call, largest, part, put, spend, vi
 
 DRAWS = 12  # random subsets by which roundoff is measured once increments stop shrinking
 HASH = 2654435761, 15  # Knuth's multiplicative hash and a shift: a random subset that is the same on every machine
+FAR = 1e4  # times the roundoff of one subset: more is no roundoff of any
 NOISE_MARGIN = 4.0  # safety factor on the measured roundoff: increments above the product still shrink
 AT_ORIGIN = 1e-6  # relative to the displacement in a step: smaller coordinates have no size of their own
 ROUNDOFFS = 16.0  # increments of v below so many roundoffs of q over h are roundoff of the positions
@@ -156,6 +157,8 @@ def is_roundoff(z: Any, lu: Any, counts: Any) -> Any:
     for draw in range(DRAWS):
         if spend(z, counts):
             measure(z, lu, draw, counts)
+        if in_q > FAR * noise[0] and in_v > FAR * noise[1]:
+            return False
     return in_q <= NOISE_MARGIN * noise[0] and in_v <= NOISE_MARGIN * noise[1]
 
 
