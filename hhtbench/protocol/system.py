@@ -171,6 +171,12 @@ class System(eqx.Module):
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
+        for name, entry in vars(cls).items():
+            if isinstance(entry, dataclasses.Field) and name not in inspect.get_annotations(cls):
+                raise TypeError(
+                    f"{cls.__name__}: {name} has no type annotation; write `{name}: object = hb.parameter(...)` in the class."
+                )
+            refuse_other_order(cls.__name__, name, entry)
         inherited = {name: entry for base in reversed(cls.__mro__[1:]) for name, entry in _fields_of(base).items()}
         own = {name: cls.__dict__.get(name, dataclasses.MISSING) for name in inspect.get_annotations(cls)}
         first = None  # the first parameter with a default
@@ -182,6 +188,31 @@ class System(eqx.Module):
                     f"{cls.__name__}: {name} has no default and comes after {first}, which has one. "
                     f"Give {name} a default, hb.parameter(1.0), or declare it before {first}."
                 )
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except dataclasses.FrozenInstanceError:
+            kind = type(self).__name__
+            reason = (
+                f"a system is not changed after it is made; make a new one: dataclasses.replace(system, {name}=...)"
+                if name in _fields_of(type(self))
+                else f"it is no field; write `{name}: object = hb.parameter()` in the class and no __init__: {kind}({name}=...)"
+            )
+            raise dataclasses.FrozenInstanceError(f"{kind}: cannot assign to {name}: {reason}.") from None
+
+
+def refuse_other_order(owner: str, name: str, function: Any) -> None:
+    """Raise a TypeError if ``function``, declared as ``name``, has the protocol's arguments in another order."""
+    if name not in SIGNATURES or not inspect.isfunction(function):
+        return
+    found = [argument for argument in inspect.signature(function).parameters if argument != "self"]
+    for wanted in {SIGNATURES[name].arguments, WITH_VELOCITY.get(name, SIGNATURES[name]).arguments}:
+        if found != [*wanted] and sorted(found) == sorted(wanted):
+            raise TypeError(
+                f"{owner}: {name} must take the arguments ({', '.join(wanted)}), in this order; "
+                f"it is declared with ({', '.join(found)})."
+            )
 
 
 def _fields_of(base: type) -> dict[str, Any]:
@@ -220,6 +251,7 @@ class NumpySystem:
         for name, value in {"force": force, **declared}.items():
             if value is not None and not callable(value) and name not in ("mass_matrix", "sparsity"):
                 raise TypeError(f"NumpySystem: {name} must be a function; got {type(value).__name__}.")
+            refuse_other_order("NumpySystem", name, value)
             if name == "mass_matrix" and value is not None and not callable(value):
                 value = real_array("mass_matrix", value)
             object.__setattr__(self, name, value)

@@ -20,6 +20,25 @@ def problem(system=None, **changes):
     return hb.Problem(**({"name": "fall", "system": system or Fall(), **START} | changes))
 
 
+def unannotated():
+    class Spring(hb.System):
+        k = hb.parameter(3.0)
+
+
+def other_order():
+    class Damped(hb.System):
+        def force(self, q, v, t):
+            return -v
+
+
+def assigned():
+    class Spring(Fall):
+        def __init__(self, k):
+            self.k = k
+
+    return Spring(3.0)
+
+
 def swapped(q, v):
     return np.zeros(2)
 
@@ -33,11 +52,15 @@ def swapped(q, v):
         (lambda: problem(scales={"q": 1.0}), r"scales must be a hhtbench.Scales"),
         (lambda: problem(Fall), r"system must be an object, not the class Fall; write system=Fall\(\)"),
         (lambda: hb.solve(Fall()), r"got the system Fall. It needs a start and an interval"),
+        (unannotated, r"Spring: k has no type annotation; write `k: object = hb.parameter\(...\)`"),
+        (other_order, r"Damped: force must take the arguments \(t, q, v\), in this order; it is declared with \(q, v, t\)"),
+        (lambda: hb.NumpySystem(force=lambda v, q, t: v), r"force must take the arguments \(t, q, v\), .*\(v, q, t\)"),
+        (assigned, r"Spring: cannot assign to k: it is no field; write `k: object = hb.parameter\(\)`"),
         (lambda: hb.solve(problem(), rtol="1e-6"), r"got the text '1e-6'. Write numbers without quotes"),
     ],
 )
 def test_the_message_leads_to_the_mend(mistake, text):
-    with pytest.raises((TypeError, ValueError), match=text):
+    with pytest.raises((TypeError, ValueError, AttributeError), match=text):
         mistake()
 
 
