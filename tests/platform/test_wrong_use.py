@@ -73,3 +73,13 @@ def test_an_exception_of_a_users_function_stays_itself():
     with pytest.raises(TypeError) as caught:
         hb.solve(problem(hb.NumpySystem(force=raising)))
     assert caught.value is error
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_wrong_derivative_is_told_once():
+    """No hint to declare the Jacobian that is declared, wrong, and not used."""
+    functions = {"force": lambda t, q, v: np.array([0.0, -9.81]), "constraint": lambda t, q: np.array([q @ q / 2 - 0.5])}
+    system = hb.NumpySystem(**functions, constraint_jacobian=lambda t, q: -q[None, :])
+    with pytest.warns(UserWarning, match="the declared constraint_jacobian disagrees"):
+        solution = hb.solve(problem(system, q0=[1.0, 0.0]), rtol=1e-4)
+    assert "declare" not in solution.message

@@ -105,7 +105,7 @@ class NumpyDynamics(Dynamics):
 
     def _by_differences(self, scheme: Callable[..., Any], *arguments: Any, **how: Any) -> Any:
         """Apply a ``scheme`` of differences, its calls counted for the derivative that a declaration would save."""
-        with differencing(self.gives):
+        with differencing(lambda name: bool(self.ignored) or self.gives(name)):  # a wrong one: no hint to declare it
             return scheme(*arguments, least=self.least, **how)
 
     @cached_property
