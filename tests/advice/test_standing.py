@@ -66,7 +66,7 @@ def test_the_sentence_ranks_by_the_mean_over_the_errors_and_names_who_is_cheaper
 def test_a_choice_names_its_solver_as_solve_takes_it_and_its_setting_beside():
     constant = run("hht(alpha=-0.05)", 1e-3, 1e-4, 100.0, request={"rtol": None, "atol": None, "step": None, "steps": 400})
     (choice,) = choices_of(Standing.of([constant], Criteria(accuracies=(1e-2,), on="evaluations")).fronts)
-    assert (choice.best.entry, choice.solver) == ("hht(alpha=-0.05), constant step", "hht(alpha=-0.05)")
+    assert (choice.best.entry, choice.solver) == ("hht(alpha=-0.05), steps=N", "hht(alpha=-0.05)")
     assert (choice.as_dict()["solver"], choice.as_dict()["setting"]) == ("hht(alpha=-0.05)", "400 steps")
 
 

@@ -17,7 +17,7 @@ TYPICAL_ERROR = 1e-4  # runs are compared at the error nearest to this: engineer
 NEAR = 10.0  # errors within this factor of one another are called equal
 MINIMAL = re.compile(r"minimal\(.*?\bsolver=['\"]?(\w+)")  # of the solver that reformulates a problem, and whom it then asks
 KEPT = "_point"  # attribute of a row that caches its Point; no field, so neither compared nor written
-CONSTANT = ", constant step"  # after a solver's spec: the curve of its runs with prescribed steps
+CONSTANT = ", steps=N"  # after a solver's spec: the curve of its runs with prescribed steps
 DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
 
 

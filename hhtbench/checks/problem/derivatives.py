@@ -160,7 +160,7 @@ def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sa
         if is_declared and derivative.declared_as in faulty:
             reason = f"{derivative.declared_as} is faulty (row shape/{derivative.declared_as})"
         elif failed and not is_declared:
-            reason = f"it is made from {' and '.join(failed)}, which fail"
+            reason = f"it is made from {' and '.join(failed)}, which {'fails' if len(failed) == 1 else 'fail'}"
         if reason:
             rows[name] = not_measured(f"derivative/{name}", claim, f"{limit:.0e} by differences", reason)
         else:
