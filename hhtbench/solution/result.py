@@ -33,7 +33,8 @@ class Status(enum.Enum):
     max_steps = (-1, "The step budget is used up; raise max_num_steps or loosen the request.")
     step_too_small = (
         -3,
-        "Only steps too short to arrive are accepted; loosen the tolerances or look for a jump in the forces.",
+        "Only steps too short to arrive are accepted; loosen the tolerances or look for a jump in the forces; "
+        "`hhtbench check` finds negative masses and wrong derivatives.",
     )
     newton_failed = (
         -4,

@@ -20,6 +20,11 @@ def problem(system=None, **changes):
     return hb.Problem(**({"name": "fall", "system": system or Fall(), **START} | changes))
 
 
+class Listed(hb.System):
+    def force(self, t, q, v):
+        return [0.0, -9.81]
+
+
 def unannotated():
     class Spring(hb.System):
         k = hb.parameter(3.0)
@@ -52,6 +57,12 @@ def swapped(q, v):
         (lambda: problem(scales={"q": 1.0}), r"scales must be a hhtbench.Scales"),
         (lambda: problem(Fall), r"system must be an object, not the class Fall; write system=Fall\(\)"),
         (lambda: hb.solve(Fall()), r"got the system Fall. It needs a start and an interval"),
+        (
+            lambda: hb.solve(problem(), "ida", method="bdf"),
+            r"An option of a solver is a part of its name: 'hht\(alpha=-0.1\)'",
+        ),
+        (lambda: hb.solve(problem(Listed())), r"force must return one real array; got list. Make it one by jnp.stack"),
+        (lambda: hb.solve(problem(), rtol=1e-4).position, r"a Solution has no 'position'; it has .*\bt, q, v\b"),
         (unannotated, r"Spring: k has no type annotation; write `k: object = hb.parameter\(...\)`"),
         (other_order, r"Damped: force must take the arguments \(t, q, v\), in this order; it is declared with \(q, v, t\)"),
         (lambda: hb.NumpySystem(force=lambda v, q, t: v), r"force must take the arguments \(t, q, v\), .*\(v, q, t\)"),

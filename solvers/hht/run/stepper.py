@@ -32,7 +32,7 @@ from solvers.kernel import memory as mem
 CUTS = 20  # of one step: each finds an earlier event than the last
 JUMP = "look for a jump in the forces, or a wrong derivative"
 RESIDUAL = "the step's residual"  # named in messages where each function by itself is finite
-PILED_UP = "end the run earlier by a terminal event at low height and speed, and continue with a constraint instead."
+PILED_UP = "end the run earlier by terminal=N, the number of an occurrence, and continue with a constraint instead."
 MAX_CHANGES_AT_ONCE = 100  # state changes by one event at one time, as between bodies that collide together
 
 
