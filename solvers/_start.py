@@ -70,7 +70,7 @@ class Solving(Protocol):
         """Counters of the work done."""
 
 
-Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
+Guesses = tuple[Vector | None, Vector | None]  # starting values of lam (m,) and mu (p,)
 
 
 def tried_twice(begin: Callable[[], Any], work: Work, t: float) -> Any:
@@ -111,7 +111,7 @@ class OfDynamics:
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics, self.large = dynamics, large(dynamics) is not None
         self.declared = tuple(name for name in DERIVATIVES if declared(dynamics.system, name) is not None)  #: derivatives
-        self.compared = tuple(name for name in self.declared if name in EQUATIONS)  #: of them, those of the equations
+        self.compared = tuple(name for name in self.declared if name in EQUATIONS)  #: those that enter the equations
 
     @cached_property
     def levels(self) -> ConstraintLevels:

@@ -40,7 +40,7 @@ class Rounds:
     store: Store
     pool: WorkerPool
     references: Mapping[str, Path]
-    ends: float  #: of the monotonic clock [s]: no solve begins later
+    ends: float  #: time of the monotonic clock [s] after which no solve begins
     tell: Callable[[str], None]
     pace: Progress  #: called whenever a cell has ended
     rows: dict[str, RunRow] = field(default_factory=dict)  #: by key

@@ -108,7 +108,7 @@ class _Search:
         self.finer = FinerRuns(problem, kind)
         self.finer.smooth = kind == "steps" or getattr(solver, "smooth_error", False)
         self.finer.known = getattr(solver, "heeds_tolerances", False)
-        self.last: Solution | None = None  #: of a run that failed
+        self.last: Solution | None = None  #: solution of the last run that failed
         self.spent: list[Counters] = []
         self.looks = 0  #: evaluations between rows
         self.shorter = list(SHORTER)  #: longest steps that are left to be tried

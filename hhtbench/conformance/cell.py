@@ -23,7 +23,7 @@ ROWS = 21  # output rows under error control; prescribed steps are all judged, b
 OUT_OF_BUDGET = (Status.deadline, Status.max_steps, Status.evaluation_budget)
 DIED = (Status.crashed, Status.out_of_memory)
 
-Error = Callable[..., float]  # of the problem, the solution, and those of the further runs of the cell
+Error = Callable[..., float]  # function of the problem, the solution, and the solutions of the cell's further runs
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -27,7 +27,7 @@ Motion = Mapping[str, Matrix]  # of "q", "v", "lam", "mu": (rows, width)
 class Agreement:
     """Pairwise differences of solvers."""
 
-    names: tuple[str, ...]  #: of those that reached the end
+    names: tuple[str, ...]  #: names of the solvers that reached the end
     matrix: Matrix  #: (k, k) largest scaled difference over all rows; 0 on the diagonal
     left_out: Mapping[str, str]  #: solver -> status and message
 

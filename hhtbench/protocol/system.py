@@ -97,7 +97,7 @@ WITH_VELOCITY = {  # reactions that depend on v too (friction in a joint), recog
     "reaction": _signature("t q v lam", "n"),
     "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
 }
-NEAR = 0.8  # of difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
+NEAR = 0.8  # similarity by difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
 OTHER_WORDS = dict.fromkeys(("mass", "masses", "M"), "mass_matrix")  # synonyms that difflib does not match
 DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
 TAGS = (  # kinds of problems, for choosing among them

@@ -17,7 +17,7 @@ from hhtbench.report.wording import anchor
 from hhtbench.report.words import EQUAL, KINDS, MEASURES, NOTHING, plural, repeats, short, sign_of, times, work
 
 KEPT_BY = f"keeps drift below {STEADY:.0e}"
-ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
+ACCURACIES = (1e-2, 1e-4, 1e-6)  # errors in the table, where they were asked for: plain, usual and fine engineering accuracy
 
 SAME_COST = 1.005  # factor up to which costs of one solver with and without a bound of the drift are the same
 

@@ -68,7 +68,7 @@ def _reached(rows: Sequence[RunRow]) -> str:
 
 def _balance(compared: Mapping[float | None, Sequence[Comparison]], measure: str) -> str:
     """How often HHT wins and loses by one measure, at every bound of the drift, and the extremes without one."""
-    bounds: dict[str, list[str]] = {}  # of the drift, that have one tally
+    bounds: dict[str, list[str]] = {}  # tally -> bounds of the drift that have it
     for bound, lines in compared.items():
         own = [line for line in lines if line.measure == measure]
         if any(line.outcome != "unknown" for line in own):

@@ -16,7 +16,7 @@ from solvers.hht.options import make_options
 from solvers.hht.run.engine import NotTaken
 from solvers.hht.solver import HHT
 
-NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})  #: of a request, where the integrator has them
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})  #: options of a request whose integrator has them already
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,7 +28,7 @@ from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, stepper_of, take
 from solvers.hht.step.state import State
 
-NOT_SAVED = {"_solving", "_settling", "_engine", "_onward"}  # of an HHT object
+NOT_SAVED = {"_solving", "_settling", "_engine", "_onward"}  # attributes of an HHT object that a pickle leaves out
 
 
 class HHT:
@@ -62,7 +62,7 @@ class HHT:
     kind: ClassVar[Any] = HHTOptions  #: class of its options
 
     def __init__(self, system: System | NumpySystem, *, events: Any = None, **options: Any) -> None:
-        if not issubclass(type(system), (System, NumpySystem)):  # of an object equinox would be asked for its class
+        if not issubclass(type(system), (System, NumpySystem)):  # isinstance is slow: it asks equinox
             raise TypeError(f"system must be a System or a NumpySystem; got {type(system).__name__}.")
         self.system = system
         self.options = make_options(self.kind, self.name, **options)

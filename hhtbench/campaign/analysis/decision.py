@@ -37,7 +37,7 @@ class Place:
     """Result of one solver on several goals: costs of those reached, reasons for the others."""
 
     entry: str
-    costs: Mapping[Goal, Cost]  #: of the goals that it reaches
+    costs: Mapping[Goal, Cost]  #: costs at the goals that it reaches
     missing: Mapping[Goal, str]  #: why not the others: a kind of :class:`~hhtbench.campaign.analysis.Missing`
 
     @property

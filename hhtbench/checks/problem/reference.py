@@ -40,7 +40,7 @@ class Reference:
 
     value: dict[str, Vector]  #: part -> (rows,)
     differences: dict[str, Matrix]  #: part -> (rows, size of z)
-    errors: dict[str, Matrix]  #: of the differences: how far those of twice the step are from them
+    errors: dict[str, Matrix]  #: distance of the differences from those of twice the step
 
 
 def blocks(s: Structure) -> dict[str, slice]:

@@ -48,7 +48,7 @@ def derive_jax(
             return JaxDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, jnp))
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error
-    except ValueError as error:  # of an assignment into an array of NumPy
+    except ValueError as error:  # raised by an assignment into an array of NumPy
         if not isinstance(error.__cause__, TRACED_AS_VALUE):
             raise
         raise explain_control_flow(error, system) from error

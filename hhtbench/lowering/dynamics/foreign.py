@@ -60,7 +60,7 @@ class Called(eqx.Module, Dynamics):
 
     addresses: Any  #: (functions,) float64 holding the bits of the functions' addresses
     callbacks: Callbacks = eqx.field(static=True)
-    noise: float = eqx.field(static=True)  # type: ignore[misc] # of the dynamics
+    noise: float = eqx.field(static=True)  # type: ignore[misc] # roundoff of the dynamics' functions
     structure: Structure = eqx.field(static=True)
 
     @property

@@ -45,13 +45,13 @@ class Rerolled:
         self.graph, self.room = graph, 0
         self.forms: list[Form] = []
         self._numbers: dict[Form, int] = {}
-        self._lengths: list[int] = []  #: of forms, in operations
+        self._lengths: list[int] = []  #: length of each form, in operations
         self._kept = self._number(KEPT), self._number(TRUTH)
         self._code, self._operands = graph.column("code"), [graph.column(name) for name in "xyz"]
         live, size = np.flatnonzero(counts), len(graph.code)
         self._form = np.zeros(size, dtype=np.int32)  #: of nodes, as operands: of those that are kept that of their place
         self._level = np.zeros(size, dtype=np.int32)  #: for how many loops they wait
-        self._places = np.zeros(size, dtype=np.int64)  #: of nodes that are kept
+        self._places = np.zeros(size, dtype=np.int64)  #: memory index of each node that is stored
         single = np.isin(NAMES, LEAVES)
         shared = live[(counts[live] > 1) & ~single[self._code[live]] | IS_CALL[self._code[live]]]
         shared = shared[self._code[shared] != CODES["entry"]]

@@ -26,7 +26,7 @@ from solvers.kernel.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 NUMBERS = (int, float, str, type(None))
 LIBRARIES = ("jax", "numpy", "math")  # modules whose contents do not change
 BUILTINS = (abs, min, max, float, int, len, range, sum, pow, round)
-MAX_DEPTH = 4  # of functions that call one another
+MAX_DEPTH = 4  # depth to which functions that call one another are followed
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ class Local:
     value: float
     rate: float  #: [1/s]
     change: float  #: estimate over a step of h
-    roundoff: float  #: of the value
+    roundoff: float  #: roundoff of ``value``
     near: float  #: largest value after an event was located at the function's zero
     unsure: float  #: error of the rate [1/s]
 

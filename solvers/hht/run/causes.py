@@ -35,7 +35,7 @@ ROUNDOFFS = 9  # largest difference of nearly equal arguments, in roundoffs
 WIDER = 1024.0  # factor on these differences of arguments for comparison
 SMOOTH = 0.01  # a smooth function's values differ less than this, relative to the differences with WIDER
 FELT = 1e-3  # noise relative to the tolerance below which error control is unaffected
-ITERATIONS = 30  # of the power iteration: the frequency is then accurate to some per cent, from below
+ITERATIONS = 30  # steps of the power iteration: the frequency is then accurate to some per cent, from below
 DIFFERENCE = EPS ** (1 / 3)  # increment relative to q: balances truncation and roundoff of a central difference
 BY_REACTIONS = 0.5  # share of constraint forces in omega^2 above which they carry the vibration
 RESOLVED = 0.02  # h omega from which a vibration may determine the steps
@@ -45,7 +45,7 @@ FOLLOWS = 0.1  # change of v relative to that by forces alone below which dampin
 UNRESOLVED = 0.5  # change of v in one step, relative to max|v|, from which forces are not resolved
 ALTERNATIONS = 5  # consecutive changes of sign that make a vibration
 VISIBLE = 1e-8  # displacement per step, relative to q, below which a speed is not reported
-GROWTH = 1e5  # of an alternating vibration from which prescribed steps are unstable
+GROWTH = 1e5  # growth of an alternating vibration from which prescribed steps count as unstable
 STEADY = 1e-2  # bound on median^2 over first * last size, 1 for a vibration growing by equal factors
 
 

@@ -57,7 +57,7 @@ class Engine:
         self._without = options.without
         self.functions = functions = functions_for(dynamics, self.method, self.linsolver)
         self.layout, self.points = functions.layout, points_of(dynamics)  # evaluations per call
-        self.structure = self.layout.structure  #: of the steps: the mass may be known by its entries
+        self.structure = self.layout.structure  #: structure that the steps use: the mass may be known by its entries
         self._applied = self.structure.m if self.layout.extrapolated else 0  # multipliers of (H55)
         if self.layout.extrapolated and self.structure.mass == "sparse":
             raise NotTaken(

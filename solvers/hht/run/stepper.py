@@ -29,7 +29,7 @@ from solvers.hht.run.start import first_state
 from solvers.hht.step.state import State
 from solvers.kernel import memory as mem
 
-CUTS = 20  # of one step: each finds an earlier event than the last
+CUTS = 20  # times that one step is shortened: each finds an earlier event than the last
 JUMP = "look for a jump in the forces, or a wrong derivative"
 RESIDUAL = "the step's residual"  # named in messages where each function by itself is finite
 PILED_UP = "end the run earlier by terminal=N, the number of an occurrence, and continue with a constraint instead."
@@ -79,7 +79,7 @@ class Stepper:
             return self._advance(state, watch, stop, rows, stop if horizon is None else horizon)
         except BudgetSpent as spent:
             return Accepted(state, watch, ended=budget_failure(spent, state.t))
-        except NonFiniteValue as error:  # of an event function, or where a first step is chosen
+        except NonFiniteValue as error:  # raised by an event function, or where a first step is chosen
             text = f"{error}, in the step from t = {exact(state.t)}"
             return Accepted(state, watch, ended=Failure(Status.nonfinite_callback, text))
 

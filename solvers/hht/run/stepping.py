@@ -193,7 +193,7 @@ class Onward:
         self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i)
         self._starts = [
             tuple(array.copy() for array in self._all) for _ in range(2)
-        ]  # of the last two steps, by their number
+        ]  # copies of the memory before the last two steps
         engine.loops.ready(controlled=plan.by_error is not None, fallback=engine.fallible)
 
     def goes_on(self, integrator: IntegratorState) -> bool:

@@ -37,7 +37,7 @@ from solvers.hht.verify.study import (
     verify,
 )
 
-MARGIN = 0.05  # of observed orders
+MARGIN = 0.05  # tolerated deviation of observed orders
 STAGE_MARGIN = 0.1  # of the observed order of stage multipliers
 LOST = 0.3  # margin within which an observed order counts as one
 SEED = 20070101  # of the random step pattern; any other seed gives second order too
