@@ -43,7 +43,7 @@ class Cell:
     make: Callable[[], Problem]
     request: Mapping[str, Any]  #: without `t_eval`: rows over the whole interval
     expected: Mapping[str, Expected]
-    options: Mapping[str, Any] = field(default_factory=dict)  #: of the solver; one that has them not declines
+    options: Mapping[str, Any] = field(default_factory=dict)  #: options of the solver; one that does not have them declines
     families: tuple[str, ...] = ()  #: solvers that it is about; none: all
     seconds: float = MAX_SECONDS
     further: tuple[tuple[Callable[[], Problem], Mapping[str, Any]], ...] = ()  #: runs that it is compared with

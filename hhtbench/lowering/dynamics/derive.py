@@ -86,7 +86,7 @@ def parameters_of(value: Any) -> Hashable:
 
 def _found_way(value: Any) -> Hashable:
     """:func:`parameters_of` for the first value of its type; remembers the function for that type."""
-    kind = type(value)  # of an object equinox would be asked for its class, and for every attribute
+    kind = type(value)  # isinstance(value, ...) and attributes would ask equinox
     way = _ways[kind] = next((way for kinds, way in COMPARED if issubclass(kind, kinds)), by_id if value is None else same)
     return way(value)
 

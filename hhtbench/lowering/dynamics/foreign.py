@@ -100,7 +100,7 @@ class ForeignDynamics(Called):
 def foreign(dynamics: Dynamics) -> ForeignDynamics:
     """Make ``dynamics`` of plain callables on NumPy arrays traceable."""
     s, callbacks = dynamics.structure, Callbacks(dynamics.system)
-    users = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}  # of copies already, and to be copied from
+    users = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}  # functions that may themselves be copies
     addresses = []
     for name, (arguments, results) in functions_of(s).items():
         function = users.get("mass_matrix" if name == "mass" else name) or as_declared(dynamics, name)

@@ -43,7 +43,7 @@ LOST = 0.3  # margin within which an observed order counts as one
 SEED = 20070101  # of the random step pattern; any other seed gives second order too
 PATTERN = 8  # steps in one period of the random pattern
 HELD = 1e-12  # scaled violation that counts as roundoff
-LOCAL_MARGIN = 0.1  # of local orders: the step cannot be as small as in a global order before roundoff
+LOCAL_MARGIN = 0.1  # tolerated deviation of local orders: before roundoff the step cannot be as small as for a global order
 
 
 def verify_paper(progress: Progress | None = None, jobs: int = 1) -> Evidence:
