@@ -48,7 +48,7 @@ from problems._common import checked, load_reference
 SOURCE = "IFToMM library of computational benchmark problems, A04"
 X, Y, Z = np.eye(3)
 ALONG = np.stack([X, -Y, Z, -X, Y])  #: directions of the rods at the start (5, 3)
-AXIS = np.stack([Y, Z, X, Y, Z, X])  #: of the six hinges (6, 3); every frame is that of space at the start
+AXIS = np.stack([Y, Z, X, Y, Z, X])  #: axes of the six hinges (6, 3); every frame is that of space at the start
 ACROSS = np.stack([np.roll(AXIS, 1, axis=1), np.roll(AXIS, 2, axis=1)], axis=1)  #: (6, 2, 3)
 FIRST, SECOND = np.array([5, 0, 1, 2, 3, 4]), np.arange(6)  #: bodies at each hinge; 5 is the ground
 END_OF_FIRST = np.concatenate([[0 * X], ALONG / 2])  #: hinge in the first body, times L (6, 3)

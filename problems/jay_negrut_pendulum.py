@@ -113,7 +113,7 @@ def taylor_series(angle: float, rate: float, weights: tuple[float, float, float]
     for i in range(ORDER - 1):
         stretch = y[i] - REST_ANGLE if i == 0 else y[i]
         y[i + 2] = -(spring * stretch + damper * (i + 1) * y[i + 1] + gravity * cosine[i]) / ((i + 1) * (i + 2))
-        slopes = np.arange(1, i + 2) * y[1 : i + 2]  # of y' ; (sin y)' = y' cos y, (cos y)' = -y' sin y
+        slopes = np.arange(1, i + 2) * y[1 : i + 2]  # coefficients of y'; (sin y)' = y' cos y, (cos y)' = -y' sin y
         sine[i + 1] = slopes @ cosine[i::-1] / (i + 1)
         cosine[i + 1] = -slopes @ sine[i::-1] / (i + 1)
     return y

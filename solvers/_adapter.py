@@ -112,7 +112,7 @@ class Adapter:
 def _structure(problem: Problem) -> Structure | None:
     """The structure as far as known without evaluating anything; None if a declaration is faulty."""
     system = problem.system
-    if issubclass(type(system), System):  # of an object equinox would be asked for its class
+    if issubclass(type(system), System):  # isinstance is slow: it asks equinox
         try:
             return derive(system, problem.t_span[0], problem.q0, problem.v0).structure
         except Exception:  # noqa: BLE001 - whatever tracing raises, solve raises again where it belongs

@@ -23,7 +23,7 @@ from hhtbench.protocol.system import PATTERNS, checked_patterns, declared, full_
 TRUSTED = 1e-5  # relative difference up to which a declared derivative agrees with the derived one
 NEARBY = 1e-2  # relative distance of the other points: a frozen Jacobian is then off by a thousand times TRUSTED
 MISSED = 1e-4  # relative difference of directional derivatives from which a pattern lacks an entry
-_compared = Cache(64)  # of JAX systems, whose functions do not change
+_compared = Cache(64)  # results for JAX systems, whose functions do not change
 
 
 def value_of(dynamics: Dynamics, name: str, *arguments: Any) -> Any:

@@ -233,7 +233,7 @@ def _of_all_constraints(run: Solving, rows: Rows, found: Recovered, steps: Any) 
             note = f"At t = {exact(t)} {lost}, left out as redundant at the start: {ADVICE}"
             return Recovered(lam[:done], mu[:done], note, Status.redundant_constraints)
         worst = max(worst, float(off[list(redundant)].max()))
-        data = min(data, START_MARGIN * worst)  # of the first place: later ones are off by more
+        data = min(data, START_MARGIN * worst)  # data at the first point: later ones are off by more
         if i < count:
             from hhtbench.lowering.dynamics.rank import minimum_norm  # few constraints are redundant
 

@@ -21,7 +21,7 @@ from solvers._start import (
     Begun,
     Failure,
     Guesses,
-    Place,
+    PhasePoint,
     dynamics_for,
     finite_levels,
     of_dynamics,
@@ -38,7 +38,7 @@ AT_REST = 1e-15  # relative to v0: a projected velocity that is smaller is set t
 
 
 def begun(
-    system: System | NumpySystem, place: Place, guesses: Guesses, work: Work, *, calc_initcond: bool
+    system: System | NumpySystem, place: PhasePoint, guesses: Guesses, work: Work, *, calc_initcond: bool
 ) -> Begun | Failure:
     """The start at ``place`` after all checks.
 
@@ -59,8 +59,8 @@ def begun(
 
 
 def consistent_start(
-    dynamics: Dynamics, place: Place, guesses: Guesses, work: Work, *, calc_initcond: bool
-) -> tuple[Place, str] | Failure:
+    dynamics: Dynamics, place: PhasePoint, guesses: Guesses, work: Work, *, calc_initcond: bool
+) -> tuple[PhasePoint, str] | Failure:
     """``place``, or with ``calc_initcond`` the consistent start nearest to it and a note on the distance.
 
     Raises
@@ -79,7 +79,7 @@ def consistent_start(
     return check_start(dynamics, of_dynamics(unreduced(dynamics)).levels, at, guesses) or (at, note)
 
 
-def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] | Failure:
+def project(dynamics: Dynamics, place: PhasePoint, work: Work) -> tuple[PhasePoint, str] | Failure:
     """The nearest consistent start in the norm of the mass matrix, (H20), and a note on the distance.
 
     Raises
@@ -100,7 +100,7 @@ def project(dynamics: Dynamics, place: Place, work: Work) -> tuple[Place, str] |
     return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: the way there leads to {last}")
 
 
-def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Failure:
+def _projected(projection: Projection, place: PhasePoint) -> tuple[PhasePoint, str] | Failure:
     from solvers._projection import MAX_ITERATIONS, PROJECTED
 
     t, levels = place.t, projection.levels
@@ -112,7 +112,7 @@ def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Fail
     v = projection.velocity(t, q, projection.velocity(t, q, place.v))  # twice: the first leaves roundoff of v0
     if np.abs(v).max(initial=0.0) <= AT_REST * np.abs(place.v).max(initial=0.0):
         v = np.zeros_like(v)
-    moved = Place(t, q, v)
+    moved = PhasePoint(t, q, v)
     text = violations(finite_levels(levels, t, q, v), moved, PROJECTED)
     if text:
         return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: {text} remain")
@@ -120,7 +120,7 @@ def _projected(projection: Projection, place: Place) -> tuple[Place, str] | Fail
     return moved, note
 
 
-def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, guesses: Guesses) -> Failure | None:
+def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: PhasePoint, guesses: Guesses) -> Failure | None:
     """Failure if no motion can begin at ``place``, else None; ``levels`` and ``guesses`` include redundant rows of [g; k].
 
     Raises
@@ -147,7 +147,7 @@ def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: Place, gues
     return None
 
 
-def start_acceleration(dynamics: Dynamics, work: Work, place: Place, guesses: Guesses) -> Acceleration | Failure:
+def start_acceleration(dynamics: Dynamics, work: Work, place: PhasePoint, guesses: Guesses) -> Acceleration | Failure:
     """Accelerations and multipliers at the start, or a Failure; the guesses matter for nonlinear reactions only.
 
     Raises

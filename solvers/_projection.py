@@ -125,11 +125,11 @@ class OneByOne:
     def _projection(self) -> Projection:
         return Projection(self._dynamics)
 
-    def put_all(self, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> ProjectionFailure:
-        """Project all rows in place, as :meth:`put`."""
-        return self.put(np.arange(t.size), t, q, v, sizes, lambda: True)
+    def project_all(self, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> ProjectionFailure:
+        """Project all rows in place, as :meth:`project_rows`."""
+        return self.project_rows(np.arange(t.size), t, q, v, sizes, lambda: True)
 
-    def put(
+    def project_rows(
         self, which: Any, t: Vector, q: Matrix, v: Matrix, sizes: Vector, going: Callable[[], bool]
     ) -> ProjectionFailure:
         """Project the rows ``which`` of q and v (k, n) at ``t`` (k,) in place, while ``going()`` is true."""

@@ -21,7 +21,7 @@ from solvers._dense import Kept, OnConstraints, Pieces
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
 from solvers._finite import explain_nonfinite
 from solvers._guard import Guard, Halt, LibraryWork
-from solvers._start import Failure, Place, absolute_tolerances, budget_failure, of_dynamics, plain_start, tried_twice
+from solvers._start import Failure, PhasePoint, absolute_tolerances, budget_failure, of_dynamics, plain_start, tried_twice
 
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.kkt import AccelerationLevel
@@ -77,7 +77,7 @@ class Run:
         if self.pieces is not None and self.steps:
             from solvers._projection import OneByOne  # runs without dense output do without it
 
-            put = OneByOne(self.dynamics).put_all
+            put = OneByOne(self.dynamics).project_all
             more["projection"] = OnConstraints(self.dynamics, put, self.pieces, held=False)
             more["interpolant"] = self.pieces
         return solution_of(self, end, self._rows.motion, self._own_multipliers(), **more)
@@ -117,7 +117,7 @@ class Run:
 
     def _begin(self) -> Failure | None:
         problem = self.problem
-        place, guesses = Place(self.now, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
+        place, guesses = PhasePoint(self.now, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
         self.atol = absolute_tolerances(problem, self.request)
         moves = self.request.calc_initcond
         start: Begun | Failure | None = None if moves else plain_start(problem.system, place, guesses, self.work)

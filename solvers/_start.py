@@ -52,7 +52,7 @@ class Failure:
 
 
 @dataclass(frozen=True)
-class Place:
+class PhasePoint:
     """A point (t, q, v) of the motion: [s], (n,), (n,)."""
 
     t: float
@@ -70,7 +70,7 @@ class Solving(Protocol):
         """Counters of the work done."""
 
 
-Guesses = tuple[Vector | None, Vector | None]  # of lam (m,) and mu (p,)
+Guesses = tuple[Vector | None, Vector | None]  # starting values of lam (m,) and mu (p,)
 
 
 def tried_twice(begin: Callable[[], Any], work: Work, t: float) -> Any:
@@ -111,7 +111,7 @@ class OfDynamics:
     def __init__(self, dynamics: Dynamics) -> None:
         self._dynamics, self.large = dynamics, large(dynamics) is not None
         self.declared = tuple(name for name in DERIVATIVES if declared(dynamics.system, name) is not None)  #: derivatives
-        self.compared = tuple(name for name in self.declared if name in EQUATIONS)  #: of them, those of the equations
+        self.compared = tuple(name for name in self.declared if name in EQUATIONS)  #: those that enter the equations
 
     @cached_property
     def levels(self) -> ConstraintLevels:
@@ -157,12 +157,12 @@ class Begun(NamedTuple):
     """The start of a run."""
 
     dynamics: Dynamics
-    place: Place
+    place: PhasePoint
     found: Acceleration
     note: str  #: by how much ``calc_initcond`` moved the start, or ""
 
 
-def plain_start(system: System | NumpySystem, place: Place, guesses: Guesses, work: Work) -> Begun | None:
+def plain_start(system: System | NumpySystem, place: PhasePoint, guesses: Guesses, work: Work) -> Begun | None:
     """The start at ``place`` by machine code; None if there is none or the start needs the full checks."""
     if not issubclass(type(system), System):
         return None
@@ -176,7 +176,7 @@ def plain_start(system: System | NumpySystem, place: Place, guesses: Guesses, wo
     return Begun(dynamics, place, found, "")
 
 
-def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str, ...] = ()) -> Dynamics:
+def dynamics_for(system: System | NumpySystem, place: PhasePoint, without: tuple[str, ...] = ()) -> Dynamics:
     """Derived functions with a regular mass; declared derivatives that enter the equations are checked first.
 
     ``without``: names of ``REDUCTIONS`` to switch off.
@@ -211,7 +211,7 @@ def dynamics_for(system: System | NumpySystem, place: Place, without: tuple[str,
         return usable(dynamics, place)
 
 
-def _wrong_derivatives(dynamics: Dynamics, place: Place) -> list[str]:
+def _wrong_derivatives(dynamics: Dynamics, place: PhasePoint) -> list[str]:
     compared = of_dynamics(dynamics).compared
     if not compared:
         return []
@@ -220,7 +220,7 @@ def _wrong_derivatives(dynamics: Dynamics, place: Place) -> list[str]:
     return wrong_derivatives(dynamics, compared, place.t, place.q, place.v)
 
 
-def usable(dynamics: Dynamics, place: Place) -> Dynamics:
+def usable(dynamics: Dynamics, place: PhasePoint) -> Dynamics:
     """``dynamics`` without dependent constraint rows and with a regular mass."""
     with uncounted():
         dynamics = _independent(dynamics, place)
@@ -231,7 +231,7 @@ def usable(dynamics: Dynamics, place: Place) -> Dynamics:
         return dynamics
 
 
-def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
+def _with_mass_by_entries(dynamics: Dynamics, place: PhasePoint) -> Dynamics:
     """``dynamics`` if its variable mass can be inverted by its entries, else with full matrices."""
     products = matrix_free(dynamics) if dynamics.structure.mass == "variable" else None
     if products is None or products.entries is None or products.mass_at(place.t, place.q).inverse() is not None:
@@ -239,13 +239,13 @@ def _with_mass_by_entries(dynamics: Dynamics, place: Place) -> Dynamics:
     return with_full_matrices(dynamics)
 
 
-def singular_mass(dynamics: Dynamics, place: Place) -> bool:
+def singular_mass(dynamics: Dynamics, place: PhasePoint) -> bool:
     """True if the mass is singular; one known by its entries has been checked before."""
     products = matrix_free(dynamics) if dynamics.structure.mass == "variable" else None
     return (products is None or products.entries is None) and singular_at(dynamics, place.t, place.q)
 
 
-def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
+def _independent(dynamics: Dynamics, place: PhasePoint) -> Dynamics:
     """``dynamics``, without constraint rows that depend on others at ``place``, of which it warns."""
     if not dynamics.structure.constrained:
         return dynamics
@@ -267,7 +267,7 @@ def _independent(dynamics: Dynamics, place: Place) -> Dynamics:
     return reduced
 
 
-def violations(at: Levels, place: Place, bound: float) -> str:
+def violations(at: Levels, place: PhasePoint, bound: float) -> str:
     """Text naming the constraint rows violated by more than ``bound``, position level first; empty if there are none."""
     if at.hold(place.q, place.v, bound):
         return ""

@@ -24,7 +24,7 @@ from hhtbench.solution.result import Ends, Solution, ends_of
 from solvers import cvode, hht, scipy_ivp
 from solvers._adapter import choose
 from solvers._ending import OwnMultipliers, solution_of
-from solvers._start import Failure, Place, dynamics_for
+from solvers._start import Failure, PhasePoint, dynamics_for
 
 INNER: dict[str, Callable[..., Any]] = {"scipy": scipy_ivp.solver, "cvode": cvode.solver, "hht": hht.solver}
 MAX_REMEMBERED = 16  # problems whose coordinates and traced functions are cached
@@ -60,7 +60,7 @@ class MinimalSolver:
         if ends is not None:
             at_ends = _embedded(problem.minimal, ends.q, ends.v)
             ends = Ends(t=ends.t, q=at_ends[0], v=at_ends[1])
-        place = Place(problem.t_span[0], problem.q0, problem.v0)
+        place = PhasePoint(problem.t_span[0], problem.q0, problem.v0)
         run = _Seen(dynamics_for(problem.system, place), Work())
         s = run.dynamics.structure
         lam, mu = np.full((found.t.size, s.m), np.nan), np.full((found.t.size, s.p), np.nan)

@@ -31,7 +31,7 @@ ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 HELD = (None, 1e-10)  #: bounds of the drift: none, and what projection and HHT keep
 VERSIONS = ("hhtbench", "numpy", "scipy", "jax", "scikit-sundae")  #: libraries whose versions are stored
 PARTS = 100.0  # costs are rounded to this fraction of a decade: 2 %
-KIND = {"schema": "hhtbench.advice/1", "accuracies": list(ACCURACIES), "features": list(NAMES)}  # of a file
+KIND = {"schema": "hhtbench.advice/1", "accuracies": list(ACCURACIES), "features": list(NAMES)}  # head of a database file
 KEYS = {(on, bound): on if bound is None else f"{on}, drift {bound:g}" for on, bound in product(MEASURES, HELD)}
 
 

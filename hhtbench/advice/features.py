@@ -56,8 +56,8 @@ class Probe:
     """Features of a problem and the cost of computing them."""
 
     features: Features
-    evaluations: int  #: of the acceleration
-    seconds: float  #: of these evaluations, warm [s]
+    evaluations: int  #: number of evaluations of the acceleration
+    seconds: float  #: time of these evaluations, compiled before [s]
 
 
 def probe(problem: Problem) -> Probe:

@@ -25,7 +25,7 @@ class Expectation:
 
     order: tuple[tuple[str, float], ...]  #: entry and mean cost over the cheapest, best first
     neighbours: tuple[str, ...]  #: specs, the nearest first
-    distance: float  #: of the nearest, in standard deviations of the features
+    distance: float  #: distance of the nearest known problem, in standard deviations of the features
     reach: float  #: distance up to which the database speaks; infinite where all scenes are of one family
     agreed: float  #: share of the neighbours on which the first is within twice the cheapest
 

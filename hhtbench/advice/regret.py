@@ -13,7 +13,7 @@ from hhtbench.advice.nearest import Space, expected, key_of
 from hhtbench.protocol.arguments import Matrix, Vector
 
 TWICE = 2.0
-SAMPLES = 1000  # of the bootstrap over families
+SAMPLES = 1000  # samples of the bootstrap over families
 LEVEL = (2.5, 97.5)  # percentiles of an interval that holds 95 %
 STIFF = 100.0  # stiffness above which the rule of thumb takes an implicit method
 ADVICE, FREE, BEST_FIXED, THUMB = "advice", "advice, features free", "best fixed of the others", "rule of thumb"
@@ -31,7 +31,7 @@ class Line:
     mean: float  #: geometric
     twice: float  #: share of the scenes within twice the best
     closed: float  #: share of the gap between the best fixed choice and the best per scene that is closed
-    interval: tuple[float, float]  #: of ``closed``
+    interval: tuple[float, float]  #: confidence interval of ``closed``
     gain: tuple[float, float]  #: interval of the median of the logarithm of the regret over the best fixed choice's
     spoken: float = 1.0  #: share of the questions that were answered; the others take the best fixed choice
     right: float = float("nan")  #: share of the answers within twice the best

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from hhtbench.advice.candidates import Candidate, campaign_for
 from hhtbench.advice.criteria import Criteria
-from hhtbench.advice.standing import SEVERAL, Standing
+from hhtbench.advice.standing import SEVERAL, CostsSoFar
 from hhtbench.campaign import run_campaign
 from hhtbench.campaign.analysis.cells import entry_of
 from hhtbench.campaign.campaign import Progress
@@ -40,7 +40,7 @@ class Rounds:
     store: Store
     pool: WorkerPool
     references: Mapping[str, Path]
-    ends: float  #: of the monotonic clock [s]: no solve begins later
+    ends: float  #: time of the monotonic clock [s] after which no solve begins
     tell: Callable[[str], None]
     pace: Progress  #: called whenever a cell has ended
     rows: dict[str, RunRow] = field(default_factory=dict)  #: by key
@@ -71,9 +71,9 @@ class Rounds:
             self.tell(f"timing {', '.join(one.entry for one in chosen)}")
             self._campaign(chosen, self._cap(FIRST_CAP), timing=True)
 
-    def places(self) -> Standing:
-        """Return the :class:`Standing` from all rows so far."""
-        return Standing.of(tuple(self.rows.values()), self.criteria)
+    def places(self) -> CostsSoFar:
+        """Return the :class:`CostsSoFar` from all rows so far."""
+        return CostsSoFar.of(tuple(self.rows.values()), self.criteria)
 
     def _campaign(self, batch: Sequence[Candidate], seconds: float, *, timing: bool) -> None:
         campaign = campaign_for(

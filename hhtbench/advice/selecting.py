@@ -11,7 +11,7 @@ from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, HELD, Database, foreign, read_database, versions_of
 from hhtbench.advice.features import probe
 from hhtbench.advice.nearest import Expectation, Space, error_of, expected, key_of
-from hhtbench.advice.standing import Standing
+from hhtbench.advice.standing import CostsSoFar
 from hhtbench.advice.trading import trade
 from hhtbench.advice.verdict import as_run, ranking, sentence
 from hhtbench.campaign.analysis import newest
@@ -139,7 +139,7 @@ def known_of(problem: str, rows: Sequence[RunRow], criteria: Criteria, text: str
     """Turn rows into evidence; times of other machines are replaced by evaluations; ``text`` describes the rows."""
     refusal = _foreign(rows) if criteria.on == "time" else ""
     criteria = replace(criteria, on="evaluations") if refusal else criteria
-    fronts = as_run(Standing.of(newest(rows).rows, criteria).fronts)
+    fronts = as_run(CostsSoFar.of(newest(rows).rows, criteria).fronts)
     failed = {entry: why.text for front in fronts for entry, why in front.missing.items() if why.kind not in UNKNOWN}
     if fronts and not any(front.costs for front in fronts):
         text += " do not get there" + "".join(f"; {entry}: {why}" for entry, why in failed.items())

@@ -17,13 +17,13 @@ OPEN = ("capped", *UNKNOWN)  #: reasons after which more time may help
 
 
 @dataclass(frozen=True)
-class Standing:
+class CostsSoFar:
     """Costs of the candidates after some runs, one front per accuracy."""
 
     fronts: tuple[Front, ...]  #: one an accuracy, the loosest first
 
     @classmethod
-    def of(cls, rows: Sequence[RunRow], criteria: Criteria) -> Standing:
+    def of(cls, rows: Sequence[RunRow], criteria: Criteria) -> CostsSoFar:
         """Compute the fronts from the rows of one problem."""
         return cls(analysis.fronts(rows, criteria.on, criteria.accuracies, criteria.drift) if rows else ())
 

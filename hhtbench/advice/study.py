@@ -28,7 +28,7 @@ from hhtbench.catalogue.registry import load_problem
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.runtime.processes import worker_processes
 
-RULES: dict[str, Any] = {  # of the campaign over the drawn scenes
+RULES: dict[str, Any] = {  # rules of the campaign over the drawn scenes
     "accuracies": (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6),
     "refinements": 12,
     "repeats": 2,

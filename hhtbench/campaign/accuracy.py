@@ -134,7 +134,7 @@ class _Known(NamedTuple):
     rows: Any  #: indices of these times
     truth: dict[str, Matrix]  #: component -> the values there
     against: str  #: "exact" or "reference"
-    digits: int | None = None  #: of the reference
+    digits: int | None = None  #: correct digits of the reference
 
 
 def _matched(problem: Problem, times: Vector) -> _Known:

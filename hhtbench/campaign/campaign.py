@@ -25,7 +25,7 @@ from hhtbench.protocol.errors import ProblemError
 from hhtbench.solution.result import Status
 
 Progress = Callable[[str, int, int], None]  #: pass, cells done, cells to do
-Name = tuple[str, ...]  #: of a pair: problem, solver, and what is refined
+Name = tuple[str, ...]  #: problem, solver, and what is refined: the name of a pair
 NextCells = Callable[[Sequence[RunRow]], Sequence[Cell]]  #: cells to run next, from a pair's rows in the order of asking
 
 

@@ -51,7 +51,7 @@ def reading(problem: Problem, solver: Solver, request: Request) -> dict[str, Any
             wall, cpu = time.perf_counter() - begun, time.process_time() - used
     finally:
         gc.enable()
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None  # of a minute; not every system tells
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None  # mean load of the last minute; not every system has it
     return {"cpu_s": cpu / count, "wall_s": wall / count, "solves": count, "load": load}
 
 

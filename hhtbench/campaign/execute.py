@@ -39,7 +39,7 @@ COMPILE_LIMIT = 60.0  # s for compiling, and for measuring, beyond the budget of
 MOST_KILLS = 3  # kills from outside under one task, after which the task counts as crashed
 MOST_STARTS = 3  # consecutive failed starts of workers, after which the pool fails
 MOST_KILLED_STARTS = 20  # consecutive workers killed from outside while they start, after which the pool fails
-MEMORY_SHARE = 0.8  # of the machine's memory that all workers together may use
+MEMORY_SHARE = 0.8  # share of the machine's memory that all workers together may use
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +117,7 @@ class WorkerPool(Executor):
         self._waiting = WaitingTasks()
         self._again: deque[_Entry] = deque()  # wait for a worker of their own
         self._workers: list[WorkerProcess] = []
-        self._unanswered: set[_Entry] = set()  # of all that the thread has seen
+        self._unanswered: set[_Entry] = set()  # entries that the thread has seen and not answered
         self._failed_starts = 0  # in a row
         self._killed_starts = 0  # in a row
         self._looked = 0.0

@@ -14,9 +14,9 @@ from hhtbench.protocol.evidence import plain
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Counters, Solution
 
-MOST_POINTS = 100  # of a curve: what a plot can show
+MOST_POINTS = 100  # points of a curve: what a plot can show
 DIGITS = 6  # significant ones of a curve: a plot shows three
-MOST_COMPONENTS = 12  # of the multipliers' curves
+MOST_COMPONENTS = 12  # components of multipliers that have a curve
 MOST_STATES, MOST_NUMBERS = 11, 20_000  # rows of states, and numbers in them: for comparing runs two by two
 
 

@@ -61,7 +61,7 @@ class Campaign:
     max_seconds: Positive = 20.0  #: of one solve [s]
     pair_seconds: Positive = 60.0  #: of all solves of one problem by one solver [s]
     outputs: Whole = OUTPUTS
-    repeats: Whole = 3  #: of the timed solve, one in each round over all cells
+    repeats: Whole = 3  #: number of timed solves, one in each round over all cells
     counting: bool = True  #: let solvers that count in a run of their own do so; it may compile once more
     reference: Literal["none", "auto"] = "none"  #: "auto": certify what has neither closed solution nor reference
 
@@ -88,7 +88,7 @@ class Pair:
     behind: Mapping[str, str]  #: files and versions that its results rest on
     fixed: Mapping[str, Any]  #: what every request of the pair holds, inside the key
     held_out: bool = False
-    reference: Path | None = None  #: of a problem that brings none: the file of its certificate
+    reference: Path | None = None  #: file of the certificate of a problem that brings no reference
     given: tuple[dict[str, Any], ...] = field(default=())  #: the settings, where they are given
 
     @property

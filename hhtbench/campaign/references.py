@@ -15,7 +15,7 @@ from hhtbench.catalogue.specs import canonical, parse_spec
 
 #: solvers of certificates; with a problem's files they make a certificate's name
 RESTS_ON = ("collocation", "projected", "cvode", "ida")
-JUDGE = ("judge", "between", "reactions", "motion", "flow", "allowed", "repeated")  # of a campaign's runs, not of solves
+JUDGE = ("judge", "between", "reactions", "motion", "flow", "allowed", "repeated")  # modules that judge runs of campaigns
 #: what measures a run does not change the truth
 NOT_THESE = (
     *("hhtbench.campaign.", "hhtbench.campaign.analysis.", "hhtbench.checks.drift"),

@@ -41,7 +41,7 @@ TIMED = (
     "wall_s",
     "load",
     "disturbed",
-)  #: of ``timing``, null until the timing pass
+)  #: keys of ``timing`` that are null until the timing pass
 
 
 Phase = Callable[[str], None]  #: receives the name of the phase that begins; the parent limits its time

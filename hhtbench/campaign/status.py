@@ -28,8 +28,8 @@ class Left:
     """
 
     campaign: str
-    pairs: int  #: of problem and solver
-    finished: int  #: of them, those that ask for nothing more
+    pairs: int  #: number of pairs of problem and solver
+    finished: int  #: number of pairs that ask for nothing more
     done: int  #: cells that the store holds
     next: int  #: cells that would be run at once
     untimed: int  #: successes that are there and have no times of this machine

@@ -21,7 +21,7 @@ class WaitingTasks:
     def __init__(self) -> None:
         self._tasks: dict[tuple[str, str], deque[Any]] = {}  # pairs of which some wait
         self._owners: dict[tuple[str, str], dict[Hashable, None]] = defaultdict(dict)
-        self._own: dict[Hashable, dict[tuple[str, str], None]] = defaultdict(dict)  # of a worker, some wait
+        self._own: dict[Hashable, dict[tuple[str, str], None]] = defaultdict(dict)  # pairs of a worker, some wait
         self._new: dict[str, dict[tuple[str, str], None]] = {}  # new pairs by problem, some wait
         self._loaded: dict[str, dict[Hashable, None]] = defaultdict(dict)  # workers that have a problem
         self._familiar: dict[Hashable, dict[str, None]] = defaultdict(dict)  # problems of a worker with new pairs

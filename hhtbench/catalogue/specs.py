@@ -21,7 +21,7 @@ import numpy as np
 from hhtbench.protocol.errors import ProblemError
 
 EXAMPLES = "planar_chain(n_links=100), my_file.py:problem(k=1) or hht(alpha=-1/3, reaction=midpoint)"
-MOST_BITS = 4096  # of a whole number: 9**9**9 must be refused, not computed
+MOST_BITS = 4096  # bits of a whole number: 9**9**9 must be refused, not computed
 _parsing = threading.Lock()  # CPython 3.11 and 3.12 count the parser's depth over all threads: gh-106905
 
 # Tried in this order, and not greedy: a string argument may hold ".py:word", a folder's name may hold a quote.

@@ -41,7 +41,7 @@ TOO_GOOD = 0.05  # differences below this share of the error asked for may come 
 FEW_STEPS, ALIKE = 25, 1.2
 OFF = 3.0  # times the bound: largest distance of the integrated motion from the next row
 LEAST_OFF = 1e-11  # which the integration there does not see
-SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # of the interval: longest steps where longer ones step over something
+SHORTER = (1 / (4 * PLACES), 1 / (32 * PLACES))  # longest steps over the interval where longer ones step over something
 PLAIN = Problem(name="plain", system=NumpySystem(force=lambda t, q, v: -q), t_span=(0.0, 1.0), q0=np.ones(1), v0=np.zeros(1))
 MOST_RUNS = 12
 BUDGETS = (Status.deadline, Status.evaluation_budget)
@@ -108,7 +108,7 @@ class _Search:
         self.finer = FinerRuns(problem, kind)
         self.finer.smooth = kind == "steps" or getattr(solver, "smooth_error", False)
         self.finer.known = getattr(solver, "heeds_tolerances", False)
-        self.last: Solution | None = None  #: of a run that failed
+        self.last: Solution | None = None  #: solution of the last run that failed
         self.spent: list[Counters] = []
         self.looks = 0  #: evaluations between rows
         self.shorter = list(SHORTER)  #: longest steps that are left to be tried

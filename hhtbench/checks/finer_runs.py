@@ -15,11 +15,11 @@ from hhtbench.solution.result import DenseOutput, ErrorEstimate, Solution
 FINER = {"rtol": 4.0, "steps": 2.0}  # between the two runs of a pair: both make a second-order error four times smaller
 CONTRACTS = 0.7  # largest ratio of one difference to that before it from which an error is estimated
 SAFETY = 1.5  # times the estimate: one and a half of what a geometric series leaves
-AGREEMENT = 5.0  # of the largest of two differences that do not contract, for the error
-SMALL = 0.1  # of the range of the motion: a difference below it should contract
+AGREEMENT = 5.0  # error estimate over the larger of two differences that do not contract
+SMALL = 0.1  # differences below this share of the motion's range should contract
 LEAST_SHARE = 1 / 3  # smallest believed error over the last difference, for solvers whose error is smooth
 LEAST_SHARE_ELSE = 2 / 3  # the same for other solvers, whose error falls irregularly with the tolerance
-ORDER = {"rtol": 1.0, "steps": 2.0}  # of the error in the setting: of most solvers, and the least of those of steps
+ORDER = {"rtol": 1.0, "steps": 2.0}  # order of the error in the setting, the lowest of most solvers
 ROUNDOFF = 1e-13  # scaled differences up to this are roundoff
 AIM = 0.35  # the finer run of the next pair aims at this share of the error asked for
 MOST_FINER = 1e4  # largest refinement of a tolerance at once

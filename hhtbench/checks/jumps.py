@@ -28,7 +28,7 @@ from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem, System
 
 SAMPLES = 400  # equal parts of the interval that are searched; a motion that jumps and returns within a sixth is not seen
-SMALLEST_JUMP, BY_DIFFERENCES = 1e-9, 1e-6  # of the largest value of the same row: smaller jumps are not searched for
+SMALLEST_JUMP, BY_DIFFERENCES = 1e-9, 1e-6  # smaller jumps, over the largest value of the same row, are not searched for
 #: where functions are evaluated in an interval; of even or symmetric places a jump with the mean of both sides may be missed
 PLACES = np.array([0.0, 0.18, 0.3, 0.45, 0.66, 0.85, 1.0])
 _WEIGHTS = 1.0 / np.prod(PLACES[:, None] - PLACES + np.eye(7), axis=1)
@@ -37,8 +37,8 @@ MAX_EVALUATIONS = 4_000_000, 40_000  # of one search, by machine code and in Pyt
 MAX_NUMBERS = 2_000_000  # that are held at once
 DIFFERENCES = 1e-7  # s: half the length over which g_t of plain callables is the mean slope of g
 NEIGHBOURS = 8  # spacings of floating-point times within which two jumps are one
-BESIDE = 0.1  # of the scales: how far beside the start functions are compared too, since terms may vanish there
-ROUNDOFF = 1e-12  # of the largest value of the same kind
+BESIDE = 0.1  # distance from the start, over the scales, at which functions are compared too: at the start terms may vanish
+ROUNDOFF = 1e-12  # roundoff over the largest value of the same kind
 
 _known = Cache(16)
 
@@ -168,7 +168,7 @@ class _Search:
         start = problem.q0, problem.v0
         self._states = [start, tuple(x + BESIDE * other for x, other in zip(start, beside, strict=True))]
         kinds = {"g": s.m, "g_t": s.m, "g_q": s.m * s.n, "k": s.p, "k_v": s.p * s.n}
-        self._kinds = np.tile(np.repeat(list(kinds), list(kinds.values())), len(self._states))  #: of every column
+        self._kinds = np.tile(np.repeat(list(kinds), list(kinds.values())), len(self._states))  #: kind of every column
         self._v_scale = float(np.max(problem.scales.v))
 
     def jumps(self, times: Vector) -> tuple[Vector, Vector]:

@@ -66,7 +66,7 @@ class Commands(click.Group):
                 warnings.showwarning = _show_warning
                 return super().invoke(ctx)
         except (ProblemError, TypeError, OSError) as error:
-            if ctx.params.get("traceback") or isinstance(error, BrokenPipeError):  # of `| head`: click ends it quietly
+            if ctx.params.get("traceback") or isinstance(error, BrokenPipeError):  # click ends `| head` quietly
                 raise
             click.echo(f"Error: {error}", err=True)
             ctx.exit(WRONG_USE)

@@ -55,6 +55,15 @@ class Command(click.Command):
         super().__init__(*args, **kwargs)
         json_option(self)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse the command line; say that a solver is named by ``--solver`` where it follows the problem."""
+        try:
+            return super().parse_args(ctx, args)
+        except click.UsageError as error:
+            if "unexpected extra argument" in error.message and any(option.name == "solver" for option in self.params):
+                raise click.UsageError(f"{error.message}; a solver is given by --solver.", ctx) from None
+            raise
+
     def invoke(self, ctx: click.Context) -> NoReturn:
         """Call the function, print the text, write the JSON file and exit with the code."""
         file = ctx.params.pop("json_file")

@@ -27,7 +27,7 @@ from hhtbench.runtime.processes import worker_processes
 from hhtbench.solution.result import Status
 
 SOLVERS = ("hht", "ida(form=ggl)", "scipy(method=Radau)", "projected(method=DOP853)")
-JUDGED = SOLVERS[:2] + SOLVERS[3:]  # of which the median error is: Radau's is shown beside them
+JUDGED = SOLVERS[:2] + SOLVERS[3:]  # solvers whose median error is judged: Radau's is shown beside them
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5)
 SECONDS = 20.0  # of all runs of one cell
 SWEEP = tuple(float(f"{10 ** (-k / 2):.2g}") for k in range(4, 25))  # tolerances of the single runs

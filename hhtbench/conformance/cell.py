@@ -23,7 +23,7 @@ ROWS = 21  # output rows under error control; prescribed steps are all judged, b
 OUT_OF_BUDGET = (Status.deadline, Status.max_steps, Status.evaluation_budget)
 DIED = (Status.crashed, Status.out_of_memory)
 
-Error = Callable[..., float]  # of the problem, the solution, and those of the further runs of the cell
+Error = Callable[..., float]  # function of the problem, the solution, and the solutions of the cell's further runs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class Cell:
     make: Callable[[], Problem]
     request: Mapping[str, Any]  #: without `t_eval`: rows over the whole interval
     expected: Mapping[str, Expected]
-    options: Mapping[str, Any] = field(default_factory=dict)  #: of the solver; one that has them not declines
+    options: Mapping[str, Any] = field(default_factory=dict)  #: options of the solver; one that does not have them declines
     families: tuple[str, ...] = ()  #: solvers that it is about; none: all
     seconds: float = MAX_SECONDS
     further: tuple[tuple[Callable[[], Problem], Mapping[str, Any]], ...] = ()  #: runs that it is compared with

@@ -72,7 +72,7 @@ class Outcome:
 
     kind: Kind
     message: str = ""  #: what was measured, how the solve ended, or why it was declined
-    id: str = ""  #: of the entry
+    id: str = ""  #: id of the entry
     case: str = ""  #: scene of a claim, "line/x" of a family
     solver: str = ""
     failing: tuple[str, ...] = ()  #: cases of a row that are not as expected
@@ -107,10 +107,10 @@ class Entry:
     id: str  #: "nan/force", "M1", "stiffness"
     sentence: str  #: the claim; for a row the expectation, for a family the source of the expectation
     measure: Measure | None  #: None: held by ``tests`` alone
-    needs: tuple[str, ...] = ()  #: of a solver, as :meth:`Subject.lacks` knows them
-    scenes: tuple[str, ...] = ()  #: of a claim that is made once on each
-    parts: tuple[str, ...] = ()  #: of a claim that is made once for each
-    cells: Callable[[int], Iterable[Any]] | None = None  #: of a family, by seed
+    needs: tuple[str, ...] = ()  #: abilities that a solver needs, as :meth:`Subject.lacks` knows them
+    scenes: tuple[str, ...] = ()  #: scenes of a claim that is made once on each
+    parts: tuple[str, ...] = ()  #: parts of a claim that is made once for each
+    cells: Callable[[int], Iterable[Any]] | None = None  #: cells of a family, by seed
     lane: Lane = Lane.fast
     known: Known = field(default_factory=dict)  #: failures, strict
     goes_in: str = ""  #: input of a row

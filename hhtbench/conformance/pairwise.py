@@ -16,10 +16,10 @@ from hhtbench.protocol.system import Problem, Scales, Solver
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Solution
 
-LEVELS = {"position": ("q",), "velocity": ("v",), "acceleration": ("lam", "mu")}  # of the motion -> what is compared
+LEVELS = {"position": ("q",), "velocity": ("v",), "acceleration": ("lam", "mu")}  # level of the motion -> what is compared
 ROWS = 11  # output times, equal distances
 FACTOR = 100.0  # largest difference of two good solvers after a whole run, over the tolerance
-FIRST_STEPS, MAX_STEPS = 200, 51_200  # of solvers with prescribed steps: doubled until the motion stays
+FIRST_STEPS, MAX_STEPS = 200, 51_200  # numbers of prescribed steps: doubled until the motion stays
 Motion = Mapping[str, Matrix]  # of "q", "v", "lam", "mu": (rows, width)
 
 
@@ -27,7 +27,7 @@ Motion = Mapping[str, Matrix]  # of "q", "v", "lam", "mu": (rows, width)
 class Agreement:
     """Pairwise differences of solvers."""
 
-    names: tuple[str, ...]  #: of those that reached the end
+    names: tuple[str, ...]  #: names of the solvers that reached the end
     matrix: Matrix  #: (k, k) largest scaled difference over all rows; 0 on the diagonal
     left_out: Mapping[str, str]  #: solver -> status and message
 

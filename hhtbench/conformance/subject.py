@@ -26,13 +26,13 @@ from hhtbench.solution.result import Solution, Status
 TOLERANCES = (1e-3, 1e-4, 1e-5)  # loose to tight
 STEPS = (100, 200, 400)  # the same for solvers of prescribed steps
 ACCURACY = 100.0  # largest error of a whole run over the tolerance if a solver claims nothing better
-ITERATIONS = 15.0  # of Newton's a step: simplified Newton on all stages of a method of high order needs ten
+ITERATIONS = 15.0  # Newton iterations a step: simplified Newton on all stages of a method of high order needs ten
 ROUNDOFF = 1e-9  # errors below it tell nothing about a method
 COMPONENTS = ("q", "v", "lam", "mu")
-ALPHAS = (0.0, -0.3)  # of HHT in the rows of the acceptance matrix
+ALPHAS = (0.0, -0.3)  # alphas of HHT in the rows of the acceptance matrix
 MAX_SECONDS = 20.0  # of one solve of a row
 ROW_RTOL = 1e-6  # of other solvers in the rows
-COLUMNS = {  # of the acceptance matrix: name -> spec
+COLUMNS = {  # columns of the acceptance matrix: name -> spec
     "hht": "hht(engine=compiled)",
     "hht in Python": "hht(engine=python)",
     "ida": "ida",
@@ -50,7 +50,7 @@ class Declined(SkipTest):
 class Claims:
     """Properties promised of a solver beyond the protocol; None: nothing is promised."""
 
-    order: float | None = None  #: of its error with prescribed steps
+    order: float | None = None  #: order of its error with prescribed steps
     drift: float | None = None  #: most violation of position and velocity constraints, at every step and every row
     accuracy: float = ACCURACY  #: error of a run over its tolerance
     iterations: float = ITERATIONS  #: most of Newton's a step, on a smooth motion

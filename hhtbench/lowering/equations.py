@@ -27,7 +27,7 @@ from hhtbench.solution.request import Request
 from hhtbench.solution.result import DenseOutput, Solution, Status
 
 POWER_STEPS = 12  # steps of the power iteration: they give the fastest mode to some percent
-PERTURBATION = 1e-6  # of the state for a difference, relative to the scales
+PERTURBATION = 1e-6  # increment of the state for a difference, relative to the scales
 
 
 class Equations:

@@ -36,6 +36,7 @@ The equations are ``q' = v``, ``M(t,q) v' = F(t,q,v) + Q``, ``0 = g(t,q)``, ``0 
 from __future__ import annotations
 
 import dataclasses
+import importlib
 import inspect
 import time
 from collections.abc import Callable, Mapping
@@ -96,7 +97,7 @@ WITH_VELOCITY = {  # reactions that depend on v too (friction in a joint), recog
     "reaction": _signature("t q v lam", "n"),
     "reaction_jacobians": _signature("t q v lam", "nn", "nn", "nm"),  # Q_q, Q_v, Q_lam
 }
-NEAR = 0.8  # of difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
+NEAR = 0.8  # similarity by difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
 OTHER_WORDS = dict.fromkeys(("mass", "masses", "M"), "mass_matrix")  # synonyms that difflib does not match
 DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
 TAGS = (  # kinds of problems, for choosing among them
@@ -171,6 +172,10 @@ class System(eqx.Module):
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         super().__init_subclass__(**keywords)
+        for name, entry in vars(cls).items():
+            if isinstance(entry, dataclasses.Field) and name not in inspect.get_annotations(cls):
+                raise _wrong_use().without_annotation(cls, name)
+            _expect_order(cls.__name__, name, entry)
         inherited = {name: entry for base in reversed(cls.__mro__[1:]) for name, entry in _fields_of(base).items()}
         own = {name: cls.__dict__.get(name, dataclasses.MISSING) for name in inspect.get_annotations(cls)}
         first = None  # the first parameter with a default
@@ -178,10 +183,27 @@ class System(eqx.Module):
             if _has_default(entry):
                 first = first or name
             elif first is not None:
-                raise TypeError(
-                    f"{cls.__name__}: {name} has no default and comes after {first}, which has one. "
-                    f"Give {name} a default, hb.parameter(1.0), or declare it before {first}."
-                )
+                raise _wrong_use().without_default(cls, name, first)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        try:
+            super().__setattr__(name, value)
+        except dataclasses.FrozenInstanceError:
+            raise _wrong_use().assigned(type(self), name) from None
+
+
+def _wrong_use() -> Any:
+    """The page of messages, imported where one is needed."""
+    return importlib.import_module("hhtbench.protocol.wrong_use")
+
+
+def _expect_order(owner: str, name: str, function: Any) -> None:
+    """Raise a TypeError if ``function``, declared as ``name``, has the protocol's arguments in another order."""
+    if name in SIGNATURES and inspect.isfunction(function):
+        found = [argument for argument in inspect.signature(function).parameters if argument != "self"]
+        for wanted in {signatures[name].arguments for signatures in (SIGNATURES, WITH_VELOCITY) if name in signatures}:
+            if found != [*wanted] and sorted(found) == sorted(wanted):
+                raise _wrong_use().in_other_order(owner, name, wanted, found)
 
 
 def _fields_of(base: type) -> dict[str, Any]:
@@ -209,9 +231,7 @@ class NumpySystem:
     def __init__(self, *, force: Callable[..., Any] | None = None, **declared: Any) -> None:
         unknown = sorted(set(declared) - set(DECLARABLE))
         if unknown:
-            meant = sorted({near for name in unknown if (near := near_name(name))})
-            hint = f" Did you mean {' and '.join(meant)}?" if meant else ""
-            raise TypeError(f"NumpySystem does not know {', '.join(unknown)}; known: {', '.join(DECLARABLE)}.{hint}")
+            raise _wrong_use().unknown_names(unknown)
         if force is None:
             raise TypeError("NumpySystem needs force, a function (t, q, v) -> (n,).")
         patterns = checked_patterns(declared.get("sparsity"))
@@ -220,6 +240,7 @@ class NumpySystem:
         for name, value in {"force": force, **declared}.items():
             if value is not None and not callable(value) and name not in ("mass_matrix", "sparsity"):
                 raise TypeError(f"NumpySystem: {name} must be a function; got {type(value).__name__}.")
+            _expect_order("NumpySystem", name, value)
             if name == "mass_matrix" and value is not None and not callable(value):
                 value = real_array("mass_matrix", value)
             object.__setattr__(self, name, value)

@@ -14,7 +14,7 @@ from hhtbench.catalogue.specs import parse_spec
 from hhtbench.report.tables import Cell, Table, make_table
 
 SILENT = "silently wrong"
-TOLERANCES = 1000.0  # of a success that is silently wrong: motions of the library magnify errors by up to 200
+TOLERANCES = 1000.0  # error over tolerance from which a success is silently wrong: motions magnify errors by up to 200
 DECLINED = "declined"
 COUNTED = (
     "The table counts runs by solver and form (rows) and by cause (columns). Runs that a solver declines are listed with "
@@ -32,7 +32,7 @@ class Failure(NamedTuple):
     cause: str  #: label of the status; of a rejected result the check that fails; silently wrong
     runs: int
     reached: float | None  #: largest fraction of the interval
-    message: str  #: of the first of them
+    message: str  #: message of the first of them
 
 
 @dataclass(frozen=True, kw_only=True)

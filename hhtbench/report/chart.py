@@ -11,9 +11,9 @@ from hhtbench.report.colours import SolverStyle
 from hhtbench.report.frame import Chart, EdgeMark, Frame, Trace, make_frame, place_of
 
 HEIGHT = 430  # pixels
-MAX_TICKS = 9  # of a logarithmic axis: labels of more are turned
+MAX_TICKS = 9  # labels of a logarithmic axis: more are turned
 DIGITS = 3  # significant digits of a value on a page
-PARTS = 1000.0  # of the range of an axis: values over time are rounded to one of them
+PARTS = 1000.0  # parts of an axis to which values over time are rounded
 
 # Marks at the edge by status: a spent budget and a refusal differ without hovering.
 STATUS_SYMBOLS = {

@@ -41,16 +41,20 @@ MARKS = {
 
 
 def balance(rows: Sequence[RunRow]) -> Table:
-    """On how many problems HHT wins and loses: one line for each bound of the drift and measure, one column an error."""
-    body: list[list[str | Cell]] = []
+    """On how many problems HHT wins and loses: lines for each measure and bound of the drift; a column an error.
+
+    Bounds that change nothing share a line.
+    """
     whole = campaign_of(rows)
     targets = whole.targets
+    bounds: dict[tuple[str | Cell, ...], list[str]] = {}
     for bound in BOUNDS:
         lines = analysis.compare(rows, held=bound, campaign=whole)
         for measure in MEASURES:
             own = [line for line in lines if line.measure == measure]
             cells = [_counted([line for line in own if line.target == target]) for target in targets]
-            body.append([bound_label(bound), SHORT[measure], _counted(own), *cells])
+            bounds.setdefault((SHORT[measure], _counted(own), *cells), []).append(bound_label(bound))
+    body = [[", ".join(found), *cells] for cells, found in bounds.items()]
     note = (
         "Number of problems on which HHT's best entry is cheaper (won) or dearer (lost) than the cheapest other solver at "
         "one achieved error. A bound of the drift of position and velocity holds for both sides. Equal: times differ by no "

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.cells import CONSTANT, SUBJECT, family
-from hhtbench.campaign.analysis.decision import Choice, Place, Ratio
+from hhtbench.campaign.analysis.decision import Choice, Ratio, SolverCosts
 from hhtbench.campaign.analysis.fronts import BOUNDS, STEADY, Campaign
 from hhtbench.campaign.analysis.kinds import Kind
 from hhtbench.campaign.analysis.missing import NOT_RUN, UNKNOWN
@@ -17,7 +17,7 @@ from hhtbench.report.wording import anchor
 from hhtbench.report.words import EQUAL, KINDS, MEASURES, NOTHING, plural, repeats, short, sign_of, times, work
 
 KEPT_BY = f"keeps drift below {STEADY:.0e}"
-ACCURACIES = (1e-2, 1e-4, 1e-6)  # of the errors that were asked for: plain, usual and fine engineering accuracy
+ACCURACIES = (1e-2, 1e-4, 1e-6)  # errors in the table, where they were asked for: plain, usual and fine engineering accuracy
 
 SAME_COST = 1.005  # factor up to which costs of one solver with and without a bound of the drift are the same
 
@@ -64,18 +64,18 @@ def evidence_anchor(kind: Kind) -> str:
     return anchor(f"kind-{kind.text}")
 
 
-def ranked(choice: Choice) -> list[Place]:
+def ranked(choice: Choice) -> list[SolverCosts]:
     """All who reach the error on some problem, the best first."""
     return [place for place in choice.places if place.costs]
 
 
-def best_subject(choice: Choice) -> Place | None:
+def best_subject(choice: Choice) -> SolverCosts | None:
     """HHT's best place; None where it was not run."""
     own = [place for place in choice.places if family(place.entry) == SUBJECT]
     return min(own, key=lambda place: (-len(place.costs), _unreached(place)), default=None)
 
 
-def why(place: Place) -> str:
+def why(place: SolverCosts) -> str:
     """Why it does not reach what it does not, and on how many problems where not on all."""
     reasons, total = Counter(place.missing.values()), len(place.costs) + len(place.missing)
     return ", ".join(KINDS[kind] + f" on {number}" * (number < total) for kind, number in reasons.most_common())
@@ -101,19 +101,19 @@ def _line(choice: Choice, steady: Choice | None, measure: str, level: float, hel
     return [*head, _named(first), cost, *second, *_subject(choice, order, level), *kept]
 
 
-def _named(place: Place, *more: str) -> Cell:
+def _named(place: SolverCosts, *more: str) -> Cell:
     """The solver; in small print that its steps are constant, and how many problems it reaches where not all."""
     spec, constant = place.entry.removesuffix(CONSTANT), place.entry.endswith(CONSTANT)
     parts = ["constant step"] * constant + [f"reaches {reach_of(place)}"] * bool(place.missing)
     return Cell(short(spec), "", ", ".join([*parts, *filter(None, more)]))
 
 
-def reach_of(place: Place) -> str:
+def reach_of(place: SolverCosts) -> str:
     """``3 of 4``: on how many problems it reaches the error."""
     return f"{len(place.costs)} of {len(place.costs) + len(place.missing)}"
 
 
-def _factor(ratio: Ratio | None, first: Place, level: float) -> Cell:
+def _factor(ratio: Ratio | None, first: SolverCosts, level: float) -> Cell:
     """How many times dearer than the cheapest; on how many of its problems, where not on all."""
     if ratio is None:
         return Cell(NOTHING, "", "no problem in common")
@@ -121,7 +121,7 @@ def _factor(ratio: Ratio | None, first: Place, level: float) -> Cell:
     return Cell(sign_of(ratio.at_most, ratio.at_least) + times(ratio.value), "", ", ".join(parts))
 
 
-def _unreached(place: Place) -> int:
+def _unreached(place: SolverCosts) -> int:
     """How many problems it is known not to reach."""
     return sum(kind not in UNKNOWN for kind in place.missing.values())
 
@@ -131,7 +131,7 @@ def _nobody(choice: Choice) -> str:
     return "nobody reaches it" + ", as far as is known" * open_ends
 
 
-def _subject(choice: Choice, order: Sequence[Place], level: float) -> Line:
+def _subject(choice: Choice, order: Sequence[SolverCosts], level: float) -> Line:
     """HHT's best entry, its place among all who reach any, its factor, what it reaches, and why not all."""
     best = best_subject(choice)
     if best is None:
@@ -145,7 +145,7 @@ def _subject(choice: Choice, order: Sequence[Place], level: float) -> Line:
     return [name, f"{number} of {len(order)}", factor, *rest]
 
 
-def _steady(choice: Choice | None, first: Place, level: float) -> Line:
+def _steady(choice: Choice | None, first: SolverCosts, level: float) -> Line:
     """The cheapest who keeps the drift, how many others do wherever they are asked, and its factor."""
     if choice is None:
         return ["no drift", NOTHING]
@@ -158,7 +158,7 @@ def _steady(choice: Choice | None, first: Place, level: float) -> Line:
     return [_named(order[0], more), factor]
 
 
-def same_cost(steady: Place, first: Place) -> bool:
+def same_cost(steady: SolverCosts, first: SolverCosts) -> bool:
     """Whether the cheapest keeps the drift as it is, without a tighter setting."""
     ratio = steady.over(first)
     return steady.entry == first.entry and ratio is not None and ratio.value < SAME_COST

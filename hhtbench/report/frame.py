@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 MARGIN = 0.06  # of the axis, left free around the data
-BAND = 0.05  # of the axis for each row of marks in the strip beyond the data
-LEAST_ROWS = 2  # of the strip, else its marks touch the axis
-APART = 0.03  # of the axis: marks nearer to one another stand in different rows
+BAND = 0.05  # share of the axis for each row of marks in the strip beyond the data
+LEAST_ROWS = 2  # fewest rows of the strip, else its marks touch the axis
+APART = 0.03  # marks nearer than this share of the axis stand in different rows
 FAR = 1.0  # decades beyond the data: a failed run farther right stands at the edge, or a spent budget flattens all curves
 DOUBTED_ABOVE = 2.0  # decades above the curves: a rejected run that lies higher stands at this height
 NEAR_LIMIT = 30.0  # the reference's limit is drawn where errors come within this factor of it

@@ -22,8 +22,8 @@ from hhtbench.report.series import LEAST_DRIFT
 from hhtbench.report.words import plural, short, weighed
 
 Styles = Mapping[str, SolverStyle]
-Views = dict[str, tuple[dict[str, Any], str]]  # of one figure: name -> drawing, caption
-ROOM = 0.08  # of an axis
+Views = dict[str, tuple[dict[str, Any], str]]  # views of one figure: name -> drawing, caption
+ROOM = 0.08  # free room at the ends of an axis, over its length
 SIZE, LETTER, MARK = (400.0, 200.0), (6.5, 14.0), 8.0  # px: of the figure at its smallest beside another, of texts, of marks
 BESIDE = {"top center": (0, 1), "bottom center": (0, -1), "middle right": (1, 0), "middle left": (-1, 0)}
 

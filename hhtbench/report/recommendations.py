@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
 from hhtbench.campaign.analysis.cells import SUBJECT, family
-from hhtbench.campaign.analysis.decision import Choice, Place, Ratio
+from hhtbench.campaign.analysis.decision import Choice, Ratio, SolverCosts
 from hhtbench.campaign.analysis.fronts import STEADY
 from hhtbench.campaign.analysis.kinds import CONSTRAINTS, Kind
 from hhtbench.campaign.analysis.missing import NOT_RUN
@@ -58,7 +58,7 @@ def _sentence(choice: Choice, steady: Choice | None, level: float, held_out: Col
     return f"{head}; {_versus_subject(first, best, order[1:], level)}.{reach}{_steadiness(first, steady)}"
 
 
-def _versus_subject(first: Place, best: Place | None, others: Sequence[Place], level: float) -> str:
+def _versus_subject(first: SolverCosts, best: SolverCosts | None, others: Sequence[SolverCosts], level: float) -> str:
     """How the cheapest stands to HHT; where it is HHT, to the best of the others."""
     rival = best
     if family(first.entry) == SUBJECT:
@@ -90,7 +90,7 @@ def _number(factor: float) -> str:
     return f"{factor:,.0f}" if factor >= 3 else f"{factor:.1f}"
 
 
-def _steadiness(first: Place, steady: Choice | None) -> str:
+def _steadiness(first: SolverCosts, steady: Choice | None) -> str:
     """Whether the cheapest keeps the drift of the constraints, and whom to take where it does not."""
     if steady is None:
         return ""

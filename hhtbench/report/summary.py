@@ -68,11 +68,12 @@ def _reached(rows: Sequence[RunRow]) -> str:
 
 def _balance(compared: Mapping[float | None, Sequence[Comparison]], measure: str) -> str:
     """How often HHT wins and loses by one measure, at every bound of the drift, and the extremes without one."""
-    parts = []
+    bounds: dict[str, list[str]] = {}  # tally -> bounds of the drift that have it
     for bound, lines in compared.items():
         own = [line for line in lines if line.measure == measure]
         if any(line.outcome != "unknown" for line in own):
-            parts.append(f"{bounded(bound)}, HHT {_tally(own)}")
+            bounds.setdefault(_tally(own), []).append(bounded(bound))
+    parts = [f"{listed(found)}, HHT {tally}" for tally, found in bounds.items()]
     if not parts:
         return f"By {MEASURES[measure]}, nothing can be compared: HHT and another solver never reach the same error."
     judged = [line for line in compared[None] if line.measure == measure and line.factor is not None]

@@ -11,7 +11,7 @@ from hhtbench.campaign.analysis.fronts import Comparison
 MEASURES = {"time": "processor time", "evaluations": "residual evaluations"}
 SHORT = {"time": "processor time", "evaluations": "evaluations"}
 NOTHING = "\N{EN DASH}"
-EQUAL = "equal within noise"  # of two times that differ by no more than repeats of one solve
+EQUAL = "equal within noise"  # said of two times that differ by no more than repeats of one solve
 AT_MOST = "\N{LESS-THAN OR EQUAL TO}"
 STAR = "the process had to wait: its median solve took clearly more wall time than processor time"
 BESIDE = f"{AT_MOST} taken beside other work: an upper bound"

@@ -50,5 +50,5 @@ class _Hook(MetaPathFinder):
                 _apply(module)
                 sys.meta_path.remove(self)
 
-            spec.loader.exec_module = execute_and_apply  # type: ignore[method-assign]  # of this one loader
+            spec.loader.exec_module = execute_and_apply  # type: ignore[method-assign]  # replaced on this one loader
         return spec

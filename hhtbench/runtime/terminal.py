@@ -36,7 +36,7 @@ class announced_when_slow:
         if self in _under_way:
             _under_way.remove(self)
 
-    def look(self) -> None:
+    def print_if_due(self) -> None:
         """Print the line if its time has come; only once."""
         if time.monotonic() >= self._due:
             self._due = float("inf")
@@ -54,7 +54,7 @@ def _watch() -> None:
         time.sleep(LOOK)
         _begun.clear()  # before the look: what begins after it is not missed
         for each in tuple(_under_way):
-            each.look()
+            each.print_if_due()
         if _under_way:
             _begun.set()
 

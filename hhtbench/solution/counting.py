@@ -42,7 +42,7 @@ class Clock:
     kept: dict[Any, Any] = field(default_factory=dict)  #: difference derivatives at the latest (t, q, v)
     callback: str = ""  #: the callback of a NumPy system called last
     in_difference: bool = False  #: whether callbacks are called for differences
-    calls: int = 0  #: of a NumPy system's callbacks
+    calls: int = 0  #: number of calls of a NumPy system's callbacks
     differences: dict[str, int] = field(default_factory=dict)  #: derivative to declare -> calls for its differences
 
     def left(self) -> float:
@@ -222,7 +222,7 @@ class Work:
     max_evaluations: int | None = None
     clock: Clock = field(default_factory=Clock)
     tally: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: by the names of ``Counters``
-    output: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: of ``tally``, what output rows have cost
+    output: dict[str, int] = field(default_factory=lambda: defaultdict(int))  #: part of ``tally`` that output rows have cost
 
     def add(self, name: str, amount: int = 1) -> None:
         """Raise the counter ``name`` of :class:`~hhtbench.Counters`."""

@@ -29,7 +29,9 @@ class Filled:
 
         def __getattr__(self, name: str) -> Any:
             if name not in self.__dataclass_fields__ or (read := getattr(self, "_read", None)) is None:
-                raise AttributeError(f"a {type(self).__name__} has no {name!r}")
+                raise AttributeError(
+                    f"a {type(self).__name__} has no {name!r}; it has {', '.join(self.__dataclass_fields__)}"
+                )
             value = self.__dict__[name] = read(name)
             return value
 

@@ -70,7 +70,7 @@ def make_request(also: tuple[str, ...] = (), /, **keywords: Any) -> Request:
     """A Request from keywords; an unknown name is a ``TypeError`` that lists the known ones, and those that go ``also``."""
     if unknown := keywords.keys() - NAMES:
         known = (*also, *KNOWN)
-        hint = did_you_mean(min(unknown), known)
+        hint = did_you_mean(min(unknown), known) or " An option of a solver is a part of its name: 'hht(alpha=-0.1)'."
         raise TypeError(f"unknown request option {', '.join(sorted(unknown))}; known: {', '.join(known)}.{hint}")
     return Request(**keywords)
 

@@ -33,7 +33,8 @@ class Status(enum.Enum):
     max_steps = (-1, "The step budget is used up; raise max_num_steps or loosen the request.")
     step_too_small = (
         -3,
-        "Only steps too short to arrive are accepted; loosen the tolerances or look for a jump in the forces.",
+        "Only steps too short to arrive are accepted; loosen the tolerances or look for a jump in the forces; "
+        "`hhtbench check` finds negative masses and wrong derivatives.",
     )
     newton_failed = (
         -4,
@@ -139,12 +140,12 @@ class ErrorEstimate:
     """
 
     asked: float  #: the error asked for, of q and v
-    bound: float | None  #: of the largest error of q and v over the output times
+    bound: float | None  #: bound of the largest error of q and v over the output times
     q: Vector  #: (n_t,) estimated error at every output time, largest component
     v: Vector  #: (n_t,)
     lam: Vector  #: (n_t,) the same of the multipliers, which ``bound`` does not cover
     differences: tuple[float, ...]  #: largest, between each run and the next
-    settings: tuple[float, ...]  #: of the runs: tolerances, or numbers of steps
+    settings: tuple[float, ...]  #: tolerances of the runs, or numbers of steps
 
     def __repr__(self) -> str:
         bound = "not known" if self.bound is None else f"{self.bound:.2g}"
@@ -184,7 +185,7 @@ class Solution(Filled):
     diagnosis_of: Callable[[], str] | None = None  #: called by :meth:`diagnose`, set by the solver; not pickled
     judge_of: Callable[..., Any] | None = None  #: called by :meth:`verify`, set by ``hb.solve``; not pickled
     file: str = ""  #: the file that :meth:`load` read, or ""
-    error: ErrorEstimate | None = None  #: of a solve with ``accuracy``
+    error: ErrorEstimate | None = None  #: error estimate of a solve with ``accuracy``
     extrapolated: DenseOutput | None = None  #: Richardson extrapolation at ``t``, if three runs confirm it
 
     @property

@@ -11,7 +11,7 @@ import math
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 
-SPACINGS = 10.0  # of times: an error in time that no solver avoids
+SPACINGS = 10.0  # spacings of floating-point times: an error in time that no solver avoids
 FINEST = 1e-10  # smallest relative error expected after many steps
 END_SPACINGS = 100.0  # from the end of the interval, within which SUNDIALS takes it as reached
 

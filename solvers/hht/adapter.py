@@ -11,12 +11,12 @@ from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.request import Request, has_zero, plan_steps
 from hhtbench.solution.result import Solution, Status
-from solvers._start import Place, absolute_tolerances
+from solvers._start import PhasePoint, absolute_tolerances
 from solvers.hht.options import make_options
 from solvers.hht.run.engine import NotTaken
 from solvers.hht.solver import HHT
 
-NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})  #: of a request, where the integrator has them
+NO_OPTIONS: Mapping[str, Any] = MappingProxyType({})  #: options of a request whose integrator has them already
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +67,7 @@ class HHTSolver:
         atol = request.atol if request.rtol is None or request.atol is not None else absolute_tolerances(problem, request)
         integrator = self.integrator(problem.system, events=self.events, **{**self.options, **request.options})
         t0, t1 = problem.t_span
-        place, guesses = Place(t0, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
+        place, guesses = PhasePoint(t0, problem.q0, problem.v0), (problem.lam_guess, problem.mu_guess)
         try:
             return integrator.solve_from(place, t1, guesses, request.but(atol=atol, options=NO_OPTIONS))
         except NotTaken as reason:

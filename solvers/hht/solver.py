@@ -17,7 +17,7 @@ from hhtbench.solution.counting import Work, timed
 from hhtbench.solution.request import Request, make_request, with_tolerance
 from hhtbench.solution.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
-from solvers._start import Failure, Guesses, Place
+from solvers._start import Failure, Guesses, PhasePoint
 from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.events.event import Occurrence, make_events
 from solvers.hht.options import HHTOptions, make_options
@@ -28,7 +28,7 @@ from solvers.hht.run.start import Started, begin, make_engine, start_values
 from solvers.hht.run.stepping import IntegratorState, Onward, begun, make_goal, onward, stepper_of, take
 from solvers.hht.step.state import State
 
-NOT_SAVED = {"_solving", "_settling", "_engine", "_onward"}  # of an HHT object
+NOT_SAVED = {"_solving", "_settling", "_engine", "_onward"}  # attributes of an HHT object that a pickle leaves out
 
 
 class HHT:
@@ -62,7 +62,7 @@ class HHT:
     kind: ClassVar[Any] = HHTOptions  #: class of its options
 
     def __init__(self, system: System | NumpySystem, *, events: Any = None, **options: Any) -> None:
-        if not issubclass(type(system), (System, NumpySystem)):  # of an object equinox would be asked for its class
+        if not issubclass(type(system), (System, NumpySystem)):  # isinstance is slow: it asks equinox
             raise TypeError(f"system must be a System or a NumpySystem; got {type(system).__name__}.")
         self.system = system
         self.options = make_options(self.kind, self.name, **options)
@@ -107,7 +107,7 @@ class HHT:
         return found.but(message=f"{found.message.rstrip('.')}. {note}") if note else found
 
     def solve_from(
-        self, place: Place, t1: float, guesses: Guesses, request: Request, began: float | None = None
+        self, place: PhasePoint, t1: float, guesses: Guesses, request: Request, began: float | None = None
     ) -> Solution:
         """Solve from ``place`` to ``t1`` [s] with checked arguments; ``began``: clock reading at the call [s]."""
         steps = planned(request, place.q.size, place.t, t1)
@@ -116,7 +116,14 @@ class HHT:
             return solved(integration.solution, integration.left_over)
 
     def begin(
-        self, place: Place, guesses: Guesses, h: float, work: Work, *, controlled: bool = False, calc_initcond: bool = False
+        self,
+        place: PhasePoint,
+        guesses: Guesses,
+        h: float,
+        work: Work,
+        *,
+        controlled: bool = False,
+        calc_initcond: bool = False,
     ) -> Started | Failure:
         """Build the engine and its first state; ``h`` [s] is the first step, or only the direction of time."""
         how: dict[str, Any] = {"controlled": controlled, "calc_initcond": calc_initcond, "events": self.events}
@@ -284,7 +291,7 @@ class HHT:
         if h == 0.0 or (h is None and (old is None or old.tolerances is None)):
             raise ProblemError("restart needs a step [s] other than zero; give step=h.")
         with self._alone(), timed(None):
-            place = Place(state.t, state.q, state.v) if old is None else old.place
+            place = PhasePoint(state.t, state.q, state.v) if old is None else old.place
             integrator = begun(place, state, h, old.tolerances if old and h is None else None, len(self.events))
             self._integrator = (
                 integrator

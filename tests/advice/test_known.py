@@ -63,7 +63,7 @@ def test_a_solver_that_failed_on_the_problem_is_not_named_and_the_evidence_says_
 
 
 def test_where_all_known_solvers_failed_it_cannot_be_told(stored):
-    specs = dict.fromkeys(entry.removesuffix(", constant step") for entry in read_database().entries)
+    specs = dict.fromkeys(entry.removesuffix(", steps=N") for entry in read_database().entries)
     steps = {"rtol": None, "atol": None, "step": None, "steps": 10}
     stored([*(failed(spec, 1e-2) for spec in specs), failed("hht(alpha=-0.05)", 1e-2, request=steps)])
     told = advice()
@@ -119,4 +119,4 @@ def test_solvers_are_named_as_solve_takes_them_and_beside_it_what_they_are_given
     found = advice()
     assert (found.taken, found.taken_by) == ("hht(alpha=-0.05)", "steps")
     assert (found.second, found.second_by) == (NESTED, "rtol")
-    assert found.text.startswith("Take hht(alpha=-0.05), constant step: 200 steps gives")
+    assert found.text.startswith("Take hht(alpha=-0.05), steps=N: 200 steps gives")

@@ -67,7 +67,7 @@ def test_too_few_known_problems_cannot_tell_and_say_how_many_are_needed(families
 
 def test_a_solver_of_a_database_is_named_as_solve_takes_it_and_beside_it_what_it_is_given(tmp_path: Path):
     file = tmp_path / "one.json"
-    write_database(read_database().of_entries("hht(alpha=-0.05), constant step".__eq__), file, "")
+    write_database(read_database().of_entries("hht(alpha=-0.05), steps=N".__eq__), file, "")
     found = hb.select("simple_pendulum", on="evaluations", database=file)
     assert (found.taken, found.taken_by, found.second, found.second_by) == ("hht(alpha=-0.05)", "steps", None, None)
     assert "no other is known." in found.text

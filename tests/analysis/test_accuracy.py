@@ -19,7 +19,7 @@ def _quadratic(*steps, solver="hht(alpha=0)"):
 
 def test_slope_of_a_power_law_is_its_power():
     (curve,) = convergence(_quadratic(0.1, 0.05, 0.025))
-    assert (curve.kind, curve.entry) == ("step", "hht(alpha=0), constant step")
+    assert (curve.kind, curve.entry) == ("step", "hht(alpha=0), steps=N")
     assert curve.slope.value == pytest.approx(2.0)
     assert (curve.slope.count, curve.slope.spread) == (3, pytest.approx(0.0, abs=1e-12))
 

@@ -147,6 +147,12 @@ def test_the_mass_must_be_symmetric_without_negative_directions(mass, wrong):
     assert failed(check(problem({"force": bead()["force"], "mass_matrix": mass}))) == wrong
 
 
+def test_a_negative_mass_is_named_with_its_entry():
+    evidence = check(problem({"force": bead()["force"], "mass_matrix": np.array([2.0, -3.0])}))
+    assert row(evidence, "mass/definite").claim.startswith("no mass is negative")
+    assert "M[1, 1] = -3" in row(evidence, "mass/definite").measured
+
+
 def test_a_singular_mass_is_allowed_where_the_kkt_matrix_is_regular():
     tied = {"force": lambda t, q, v: -q, "mass_matrix": np.array([1.0, 0.0]), "constraint": lambda t, q: q[1:] - 0.5}
     evidence = check(problem(tied, v0=np.array([1.0, 0.0])))

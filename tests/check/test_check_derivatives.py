@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol.system import Problem, System
+from hhtbench.protocol.system import Problem, Scales, System
 from tests.check.scenes import V0, Bead, bead, bead_problem, failed, jax_bead, problem, row, skate, skate_problem
 
 FAULTS = {
@@ -147,3 +147,20 @@ def test_functions_that_are_not_holomorphic_are_judged_too(factor, passed):
 
     found = row(check(Problem(name="x", system=Drag(), t_span=(0, 1), q0=[1.0, 0.0], v0=V0)), "derivative/force_q")
     assert found.passed is passed
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_differences_stay_where_a_function_is_defined(sign):
+    """A first step of 1/256 of the scale leads from 1e-3 to a negative number, whose root is NaN."""
+
+    class Root(System):
+        def force(self, t, q, v):
+            return -jnp.sqrt(q)
+
+        def force_jacobians(self, t, q, v):
+            return -sign * jnp.diag(0.5 / jnp.sqrt(q)), None
+
+    scene = Problem(name="root", system=Root(), t_span=(0.0, 1e-3), q0=[1e-3], v0=[0.0], scales=Scales(q=1.0, v=1.0))
+    found = row(check(scene), "derivative/force_q")
+    assert found.passed is (sign > 0)
+    assert "inf" not in found.bound

@@ -12,14 +12,14 @@ import hhtbench as hb
 from hhtbench.conformance.scenes.linkages import DoublePendulum
 from hhtbench.solution.counting import Work
 from hhtbench.solution.result import Status
-from solvers._start import Place
+from solvers._start import PhasePoint
 from solvers.hht.options import make_options
 from solvers.hht.run.causes import alternating_vibration, fastest, unresolved_forces
 from solvers.hht.run.start import make_engine
 
 
-def engine_of(system: hb.System | hb.NumpySystem, q: list[float], v: list[float]) -> tuple[object, Place]:
-    place = Place(0.0, np.array(q), np.array(v))
+def engine_of(system: hb.System | hb.NumpySystem, q: list[float], v: list[float]) -> tuple[object, PhasePoint]:
+    place = PhasePoint(0.0, np.array(q), np.array(v))
     return make_engine(system, make_options(), place, Work(), controlled=True), place
 
 

@@ -216,7 +216,7 @@ def chain():
 
 HOSTILE = {
     "integrator.type": ["_Reader", "object", "Run", "", None, 3, ["IntegratorState"]],
-    "integrator.state.type": ["Place", "IntegratorState"],
+    "integrator.state.type": ["PhasePoint", "IntegratorState"],
     "integrator.state.factorised.type": ["State", "ControlMemory", "Factor"],
     "integrator.state.q": [
         1.0,

@@ -97,7 +97,7 @@ def moved_by(places, rows, sizes):
 
 def moved_one_by_one(dynamics, rows, sizes):
     t, (q, v) = rows[:, 0].copy(), np.split(rows[:, 1:].copy(), 2, axis=1)
-    assert not OneByOne(dynamics).put_all(t, q, v, sizes).times
+    assert not OneByOne(dynamics).project_all(t, q, v, sizes).times
     return np.column_stack([t, q, v])
 
 

@@ -19,7 +19,7 @@ from hhtbench.lowering.scalar_compiler import native, native_call
 from hhtbench.solution.counting import Work
 from problems import planar_chain
 from solvers._initcond import check_start, project
-from solvers._start import Place
+from solvers._start import PhasePoint
 
 T, N = 0.3, 6
 Q, V = np.sin(np.arange(1.0, N + 1)), np.cos(np.arange(1.0, N + 1))
@@ -137,7 +137,7 @@ def test_dependent_rows_of_a_large_system_end_as_a_singular_level():
 
 def test_an_inconsistent_start_of_a_large_system_is_projected(chain):
     levels = ConstraintLevels(chain)
-    place = Place(0.0, CHAIN.q0 + 1e-5 * np.sin(np.arange(CHAIN.q0.size)), BENT_V)
+    place = PhasePoint(0.0, CHAIN.q0 + 1e-5 * np.sin(np.arange(CHAIN.q0.size)), BENT_V)
     assert check_start(chain, levels, place, (None, None)) is not None
     projected, note = project(chain, place, Work())
     assert check_start(chain, levels, projected, (None, None)) is None and "moved q0" in note

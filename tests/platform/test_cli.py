@@ -55,6 +55,12 @@ def test_the_help_of_every_command_ends_with_an_example_that_it_can_read(words, 
     assert reader.make_context(reader.name, rest).params
 
 
+def test_a_solver_behind_the_problem_is_answered_with_its_option(run):
+    result = run("solve", "acme_fall", "hht")
+    assert result.exit_code == 2
+    assert "a solver is given by --solver" in result.stderr
+
+
 def test_every_command_writes_json():
     without = [words for words, command in commands() if not isinstance(command, click.Group) and not _has_json(command)]
     assert without == []

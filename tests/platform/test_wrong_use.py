@@ -20,6 +20,30 @@ def problem(system=None, **changes):
     return hb.Problem(**({"name": "fall", "system": system or Fall(), **START} | changes))
 
 
+class Listed(hb.System):
+    def force(self, t, q, v):
+        return [0.0, -9.81]
+
+
+def unannotated():
+    class Spring(hb.System):
+        k = hb.parameter(3.0)
+
+
+def other_order():
+    class Damped(hb.System):
+        def force(self, q, v, t):
+            return -v
+
+
+def assigned():
+    class Spring(Fall):
+        def __init__(self, k):
+            self.k = k
+
+    return Spring(3.0)
+
+
 def swapped(q, v):
     return np.zeros(2)
 
@@ -33,11 +57,21 @@ def swapped(q, v):
         (lambda: problem(scales={"q": 1.0}), r"scales must be a hhtbench.Scales"),
         (lambda: problem(Fall), r"system must be an object, not the class Fall; write system=Fall\(\)"),
         (lambda: hb.solve(Fall()), r"got the system Fall. It needs a start and an interval"),
+        (
+            lambda: hb.solve(problem(), "ida", method="bdf"),
+            r"An option of a solver is a part of its name: 'hht\(alpha=-0.1\)'",
+        ),
+        (lambda: hb.solve(problem(Listed())), r"force must return one real array; got list. Make it one by jnp.stack"),
+        (lambda: hb.solve(problem(), rtol=1e-4).position, r"a Solution has no 'position'; it has .*\bt, q, v\b"),
+        (unannotated, r"Spring: k has no type annotation; write `k: object = hb.parameter\(...\)`"),
+        (other_order, r"Damped: force must take the arguments \(t, q, v\), in this order; it is declared with \(q, v, t\)"),
+        (lambda: hb.NumpySystem(force=lambda v, q, t: v), r"force must take the arguments \(t, q, v\), .*\(v, q, t\)"),
+        (assigned, r"Spring: cannot assign to k: it is no field; write `k: object = hb.parameter\(\)`"),
         (lambda: hb.solve(problem(), rtol="1e-6"), r"got the text '1e-6'. Write numbers without quotes"),
     ],
 )
 def test_the_message_leads_to_the_mend(mistake, text):
-    with pytest.raises((TypeError, ValueError), match=text):
+    with pytest.raises((TypeError, ValueError, AttributeError), match=text):
         mistake()
 
 
@@ -50,3 +84,13 @@ def test_an_exception_of_a_users_function_stays_itself():
     with pytest.raises(TypeError) as caught:
         hb.solve(problem(hb.NumpySystem(force=raising)))
     assert caught.value is error
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_wrong_derivative_is_told_once():
+    """No hint to declare the Jacobian that is declared, wrong, and not used."""
+    functions = {"force": lambda t, q, v: np.array([0.0, -9.81]), "constraint": lambda t, q: np.array([q @ q / 2 - 0.5])}
+    system = hb.NumpySystem(**functions, constraint_jacobian=lambda t, q: -q[None, :])
+    with pytest.warns(UserWarning, match="the declared constraint_jacobian disagrees"):
+        solution = hb.solve(problem(system, q0=[1.0, 0.0]), rtol=1e-4)
+    assert "declare" not in solution.message

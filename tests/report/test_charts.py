@@ -211,9 +211,7 @@ def test_drift_of_a_failed_run_is_drawn_as_far_as_it_came_with_its_status_at_the
 
 def test_caption_tells_the_slopes():
     rows = [run("hht", step, 3 * step**2, 1 / step, request={"step": step}, key=str(step)) for step in (0.1, 0.05, 0.025)]
-    assert (
-        "with the spread: 2.00 \N{PLUS-MINUS SIGN} 0.00 (hht, constant step)." in _charts(rows)["convergence-step"].caption
-    )
+    assert "with the spread: 2.00 \N{PLUS-MINUS SIGN} 0.00 (hht, steps=N)." in _charts(rows)["convergence-step"].caption
 
 
 def test_caption_of_the_drift_tells_how_far_apart_the_errors_are():

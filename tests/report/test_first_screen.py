@@ -313,7 +313,7 @@ def test_a_mark_at_the_edge_has_no_value_there_for_the_data_to_tell():
 
 def test_short_names_leave_out_what_tells_itself():
     assert short("scipy(method=DOP853)") == "scipy(DOP853)"
-    assert short("hht(alpha=-0.05), constant step") == "hht(-0.05), constant step"
+    assert short("hht(alpha=-0.05), steps=N") == "hht(-0.05), steps=N"
     assert short("minimal(alpha=-0.05, solver=hht)") == "minimal(-0.05, hht)"
     assert [short(entry) for entry in ("hht(alpha=0)", "hht(rho_inf=0)")] == ["hht(alpha=0)", "hht(rho_inf=0)"]
 

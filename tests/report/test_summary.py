@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from hhtbench.campaign.analysis import compare
-from hhtbench.report.contest import against
+from hhtbench.report.contest import against, balance
 from hhtbench.report.summary import summary
 from hhtbench.report.words import times
 from tests.analysis.laws import failed, ladder, law, run
@@ -128,3 +128,11 @@ def test_what_ended_a_ladder_is_counted_and_nothing_is_called_not_tried():
 def test_kvaerno_says_why_its_evaluations_are_not_ranked():
     rows = [replace(row, counters={}) for row in law("diffrax(method=Kvaerno5)", 25.0, 2)]
     assert "counting needs a second compilation" in " ".join(summary([*law("hht", 100.0, 2), *rows]))
+
+
+def test_bounds_of_the_drift_that_change_nothing_are_said_once():
+    rows = [*law("hht", 100.0, 2, drift=1e-15), *law("projected", 40.0, 2, drift=1e-15)]
+    assert summary(rows)[2].count("HHT loses") + summary(rows)[2].count("HHT wins") == 1
+    assert [line[0].text for line in balance(rows).rows] == [
+        "any, \N{LESS-THAN OR EQUAL TO} 1e-06, \N{LESS-THAN OR EQUAL TO} 1e-10"
+    ] * 2

@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.campaign.analysis.cells import Point, by_problem, points
 from hhtbench.campaign.store.rows import RunRow
 
-LEAST_POINTS = 3  # of a fitted slope; two points fit any line
+LEAST_POINTS = 3  # fewest points of a fitted slope; two points fit any line
 ROUNDOFF = 1e-12  # scaled errors below it say nothing of an order
 COARSE = 0.1  # scaled errors above it lie before the range where an order shows
 

@@ -15,9 +15,11 @@ from hhtbench.protocol.errors import ProblemError
 SUBJECT = "hht"  # the family that the comparison is about
 TYPICAL_ERROR = 1e-4  # runs are compared at the error nearest to this: engineering accuracy
 NEAR = 10.0  # errors within this factor of one another are called equal
-MINIMAL = re.compile(r"minimal\(.*?\bsolver=['\"]?(\w+)")  # of the solver that reformulates a problem, and whom it then asks
+MINIMAL = re.compile(
+    r"minimal\(.*?\bsolver=['\"]?(\w+)"
+)  # spec of a reformulated problem; the group: the solver that it calls
 KEPT = "_point"  # attribute of a row that caches its Point; no field, so neither compared nor written
-CONSTANT = ", constant step"  # after a solver's spec: the curve of its runs with prescribed steps
+CONSTANT = ", steps=N"  # after a solver's spec: the curve of its runs with prescribed steps
 DOUBTED = "unreliable"  # status of a run that came to an end whose result failed its check
 
 
@@ -62,8 +64,8 @@ class Point:
     first: float | None  #: time of a solve before all others, compilation included [s]
     repeats: tuple[float, ...]  #: processor time of every repeat, spread over time [s]
     spent: float | None  #: time of the solve beside other work, or all it was allowed where it did not end [s]
-    rules: Rules | None  #: of the campaign; None: the setting was asked for by itself
-    held_out: bool  #: of a problem that played no part in the choice of defaults
+    rules: Rules | None  #: rules of the campaign; None: the setting was asked for by itself
+    held_out: bool  #: True: the problem played no part in the choice of defaults
     alone: bool  #: the time was taken alone on a core, not beside other work
     disturbed: bool  #: something else ran on the machine while the time was taken
     share: float | None  #: CPU time over wall time of the median solve

@@ -33,11 +33,11 @@ class Ratio:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Place:
+class SolverCosts:
     """Result of one solver on several goals: costs of those reached, reasons for the others."""
 
     entry: str
-    costs: Mapping[Goal, Cost]  #: of the goals that it reaches
+    costs: Mapping[Goal, Cost]  #: costs at the goals that it reaches
     missing: Mapping[Goal, str]  #: why not the others: a kind of :class:`~hhtbench.campaign.analysis.Missing`
 
     @property
@@ -50,7 +50,7 @@ class Place:
         """True if the mean contains an upper bound."""
         return any(cost.bound for cost in self.costs.values())
 
-    def over(self, other: Place) -> Ratio | None:
+    def over(self, other: SolverCosts) -> Ratio | None:
         """Return the cost ratio to ``other`` on the goals that both reach; None if there are none."""
         pairs = [(cost, other.costs[goal]) for goal, cost in self.costs.items() if goal in other.costs]
         if not pairs:
@@ -70,7 +70,7 @@ class Choice:
     kind: Kind
     target: float
     problems: tuple[str, ...]  #: on which the error can be judged, and with a bound the drift
-    places: tuple[Place, ...]  #: in order, of all that have rows
+    places: tuple[SolverCosts, ...]  #: in order, of all that have rows
 
 
 def _mean(values: Iterable[float]) -> float:
@@ -101,17 +101,17 @@ def decide(
     return tuple(choices)
 
 
-def places(found: Sequence[Front]) -> tuple[Place, ...]:
+def places(found: Sequence[Front]) -> tuple[SolverCosts, ...]:
     """Rank the solvers of the fronts: by the number of goals reached, then by mean cost."""
     entries = dict.fromkeys(entry for front in found for entry in front.entries)
     return tuple(sorted((_place(entry, found) for entry in entries), key=lambda place: (-len(place.costs), place.mean)))
 
 
-def _place(entry: str, found: Sequence[Front]) -> Place:
+def _place(entry: str, found: Sequence[Front]) -> SolverCosts:
     costs = {(front.problem, front.target): cost for front in found for cost in front.costs if cost.entry == entry}
     missing = {
         (front.problem, front.target): front.missing[entry].kind if entry in front.missing else NOT_RUN
         for front in found
         if (front.problem, front.target) not in costs
     }
-    return Place(entry=entry, costs=costs, missing=missing)
+    return SolverCosts(entry=entry, costs=costs, missing=missing)

@@ -12,7 +12,7 @@ from hhtbench.campaign.analysis.cells import NEAR, TYPICAL_ERROR, Point, by_prob
 from hhtbench.campaign.analysis.fronts import Cost, fronts
 from hhtbench.campaign.store.rows import RunRow
 
-MOST_COMPONENTS = 3  # of the multipliers drawn over time: more lines cannot be distinguished
+MOST_COMPONENTS = 3  # components of multipliers drawn over time: more lines cannot be distinguished
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +22,7 @@ class TimeSeries:
     point: Point
     t: tuple[float, ...]  #: [s]
     value: tuple[float | None, ...]
-    component: int | None = None  #: of a vector, from 0
+    component: int | None = None  #: number of the vector's component, from 0
 
 
 def equally_accurate(rows: Iterable[RunRow], error: float = TYPICAL_ERROR) -> dict[str, tuple[Point, ...]]:
@@ -88,7 +88,7 @@ class DriftCost:
 
     problem: str
     cost: Cost
-    own: Cost  #: of HHT's cheapest entry
+    own: Cost  #: cost of HHT's cheapest entry
     drift: float  #: the larger of position and velocity, scaled, of the run at the accurate end
 
     @property

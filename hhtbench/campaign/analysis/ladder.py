@@ -18,7 +18,7 @@ FINEST = {"rtol": 1e-13, "steps": 1e-9}  # SciPy takes no smaller tolerance than
 SLOPES = {
     "rtol": (0.5, 1.5),
     "steps": (1.0, 4.0),
-}  # of error against setting, both logarithmic; measured ones are clipped to it
+}  # bounds of the slope of error against setting, both logarithmic; measured slopes are clipped to them
 USUAL = {"rtol": 1.0, "steps": 2.0}  # slope before two errors are known
 MAX_FACTOR = {"rtol": 30.0, "steps": 10.0}  # largest refinement factor between two runs
 MIN_FACTOR = 1.4  # smallest refinement factor: less would hardly change the error

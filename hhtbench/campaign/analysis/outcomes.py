@@ -21,7 +21,7 @@ class Failure:
     """Failed or rejected runs with one reason: one status, and messages that differ in numbers at most."""
 
     status: str
-    message: str  #: of the first
+    message: str  #: message of the first run
     rows: tuple[RunRow, ...]
 
     @property

@@ -23,8 +23,8 @@ class Reach:
     problem: str
     target: float
     entry: str
-    weight: float  #: of the pair among all: the problem's equal share, divided by its errors
-    cost: float | None  #: of the first run, loosest setting first, that reaches the error; None: none does
+    weight: float  #: weight of the pair among all: the problem's equal share, divided by its number of errors
+    cost: float | None  #: cost of the first run, loosest setting first, that reaches the error; None: none does
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,7 +33,7 @@ class Profile:
 
     entry: str
     cost: tuple[float, ...]  #: rising
-    share: tuple[float, ...]  #: of all pairs, 0 to 1
+    share: tuple[float, ...]  #: share of all pairs, 0 to 1
 
 
 def reaches(rows: Iterable[RunRow], measure: str, targets: Sequence[float] = ()) -> tuple[Reach, ...]:

@@ -25,7 +25,7 @@ from hhtbench.runtime.processes import Inline, worker_processes
 
 GRID = 40  # equal pieces of the interval; the reference has a row at each end
 SECONDS = 120.0  # default limit of each solve
-RTOL = 1e-11  # of all but the explicit method: those of many steps gain nothing from smaller ones
+RTOL = 1e-11  # tolerance of all methods but the explicit one: with so many steps they gain nothing from a smaller one
 GGL, INDEX1 = "collocation(form=ggl)", "collocation(form=index1)"
 EXPLICIT, IDA, CVODE = "projected(method=DOP853)", "ida(form=index1)", "cvode(form=ode, method=bdf)"
 MAX_DECAY = 1e5  # decay times of the fastest mode in the interval, above which an implicit method is tried first

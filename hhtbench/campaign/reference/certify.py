@@ -24,7 +24,7 @@ FLOOR = 8 * float(np.finfo(np.float64).eps)  # smallest bar: the last bits of a 
 CLOSED = "closed solution"
 WORST_BAR = 1e-5  # largest scaled error bar of a reference
 NOTHING = 1e-9  # an observable that stays below is zero up to errors
-SAME_TIME = 1e-12  # of the interval: times that differ by rounding
+SAME_TIME = 1e-12  # times nearer than this share of the interval differ by rounding only
 
 
 class UnknownJumpError(ProblemError):

@@ -12,7 +12,7 @@ from hhtbench.lowering.dynamics.kkt_rows import kkt_terms
 from hhtbench.protocol.arguments import Matrix, Vector
 
 States = tuple[Vector, Matrix, Matrix]  # t (k,), q and v (k, n)
-KNOWN = 0.5  # of the imbalance: the power's integral must be known better,
+KNOWN = 0.5  # largest error of the power's integral, over the imbalance:
 FINE = 1e-6  # or to that part of the scale
 
 

@@ -32,11 +32,11 @@ from hhtbench.solution.result import Ends, Solution, ends_of
 
 NO_MULTIPLIERS = "no multipliers of its own: zero by construction"
 SINGULAR_MASS = "the accelerations do not follow from the multipliers: the mass is singular, or a value is not finite"
-EMPTY = 1e-10  # of the largest row: terms that are smaller in the whole run are roundoff
+EMPTY = 1e-10  # terms that stay below this share of the largest row are roundoff
 MAX_OWN = 5000  # states at which the acceleration level is measured, each by a linear system of its own
 CHUNK = 256  # states per call: one compiled shape for all lengths
 
-_names = Cache(16)  # of invariants, by system
+_names = Cache(16)  # names of invariants, by system
 
 
 @dataclass(frozen=True)

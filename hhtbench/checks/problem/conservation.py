@@ -32,10 +32,10 @@ from hhtbench.protocol.system import Problem, declared
 
 MAX_TIMES = 8  # points of the known motion that are measured
 MEASURED = ("energy", "power", "invariants")
-BALANCE = 1e-9  # of the largest term of the power balance
+BALANCE = 1e-9  # share of the largest term of the power balance
 BY_DIFFERENCES = 1e-6  # the same for plain callables, beside the error that their differences show themselves
 PROJECTIONS = 8  # onto the constraints from nearby: quadratic convergence needs 4
-CONSERVED = 1e-9  # of the size, where the known motion is a closed solution
+CONSERVED = 1e-9  # change of an invariant over its size, where the known motion is a closed solution
 SLACK = 100.0  # error bars of a reference that a change of an invariant may have: it sums over the coordinates
 
 Point = tuple[float, Vector, Vector]  # t, q, v

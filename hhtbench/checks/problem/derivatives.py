@@ -19,7 +19,7 @@ from hhtbench.protocol.evidence import Row
 
 DIFFERENCE_BOUND = 1e-6
 FIRST_ORDER_BOUND = 1e-4  # first-order differences serve Newton's matrix only, where four digits are plenty
-EXACT_BOUND = 1e-12  # of automatic differentiation
+EXACT_BOUND = 1e-12  # bound on deviations from automatic differentiation
 # A deviation is relative to the largest term of its row plus a floor: so much of all that enters the row's function,
 # since where a derivative vanishes only roundoff of those terms is left.
 DIFFERENCE_FLOOR = 1e-5
@@ -98,7 +98,7 @@ class Sample:
     state: Probe
     reference: Reference
     given: dict[str, Matrix | str]  #: derivative -> (rows, columns), or why there is none
-    automatic: dict[str, Matrix | str]  #: of those declared, by automatic differentiation alone
+    automatic: dict[str, Matrix | str]  #: declared derivatives as automatic differentiation gives them
 
 
 def names_of(s: Structure) -> tuple[str, ...]:
@@ -160,7 +160,7 @@ def derivative_rows(dynamics: Dynamics, references: References, samples: list[Sa
         if is_declared and derivative.declared_as in faulty:
             reason = f"{derivative.declared_as} is faulty (row shape/{derivative.declared_as})"
         elif failed and not is_declared:
-            reason = f"it is made from {' and '.join(failed)}, which fail"
+            reason = f"it is made from {' and '.join(failed)}, which {'fails' if len(failed) == 1 else 'fail'}"
         if reason:
             rows[name] = not_measured(f"derivative/{name}", claim, f"{limit:.0e} by differences", reason)
         else:

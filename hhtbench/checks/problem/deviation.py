@@ -22,7 +22,7 @@ class Derivative:
     part: str
     by: str  #: argument; "motion": along (1, v)
     member: str  #: function of Dynamics that gives it
-    entry: int | None = None  #: of the several that this returns
+    entry: int | None = None  #: number of the result, where ``member`` returns several
     rests_on: tuple[str, ...] = ()  #: derivatives that it is made from when it is not declared
     first_order: bool = True  #: on the NumPy route it comes from first-order differences
 

@@ -40,7 +40,7 @@ class Reference:
 
     value: dict[str, Vector]  #: part -> (rows,)
     differences: dict[str, Matrix]  #: part -> (rows, size of z)
-    errors: dict[str, Matrix]  #: of the differences: how far those of twice the step are from them
+    errors: dict[str, Matrix]  #: distance of the differences from those of twice the step
 
 
 def blocks(s: Structure) -> dict[str, slice]:
@@ -115,24 +115,33 @@ class References:
         return dict(zip(names, np.split(stacked, bounds[:-1]), strict=True)) if names else {}
 
     def _differences(self, state: Probe) -> tuple[Matrix, Matrix]:
-        """Return central differences, one column per entry of z, with steps halved until they agree, and their errors."""
+        """Return central differences, one column per entry of z, and their errors.
+
+        Steps are halved until they stay where the functions are finite, then until the differences agree.
+        """
 
         def values(x: Any) -> Any:  # where z has moved by x (size, ...), in typical sizes
             points = (state.z[:, None] + self.scales[:, None] * x.reshape(len(x), -1)).T
             found = [np.asarray(self._values(point.copy(), state.x)) for point in points]
             return np.stack(found, axis=-1).reshape(-1, *x.shape[1:])
 
-        move = FIRST_STEP * np.eye(state.z.size)
-        forward, backward, at = np.split(
-            values(np.hstack([move, -move, 0.0 * move[:, :1]])), [len(move), 2 * len(move)], axis=1
-        )
-        slope = np.abs(forward - backward) / (2.0 * FIRST_STEP)
+        steps = np.full(state.z.size, FIRST_STEP)
+        for _ in range(HALVINGS):
+            move = np.diag(steps)
+            forward, backward, at = np.split(
+                values(np.hstack([move, -move, 0.0 * move[:, :1]])), [len(move), 2 * len(move)], axis=1
+            )
+            left = np.any(np.isfinite(at) & ~np.isfinite(forward + backward), axis=0)
+            if not left.any():
+                break
+            steps[left] /= 2.0
+        slope = np.abs(forward - backward) / (2.0 * steps)
         size = np.abs(at) + np.fmax.reduce(slope, axis=1, keepdims=True)
         size = np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
-        options: Any = {"initial_step": FIRST_STEP, "maxiter": HALVINGS, "tolerances": {"rtol": AGREE[0], "atol": AGREE[1]}}
+        options: Any = {"initial_step": steps, "maxiter": HALVINGS, "tolerances": {"rtol": AGREE[0], "atol": AGREE[1]}}
         with np.errstate(all="ignore"):
             found = jacobian(lambda x: values(x) / size.reshape(-1, *[1] * (x.ndim - 1)), 0.0 * state.z, order=4, **options)
-            error = np.maximum(found.error * size, self._noise(state, at, slope) / FIRST_STEP * 2.0**found.nit)
+            error = np.maximum(found.error * size, self._noise(state, at, slope) / steps * 2.0**found.nit)
         unit = 1.0 / self.scales
         return found.df * size * unit, np.where(np.isfinite(error), error, np.inf) * unit  # inf: it is not defined there
 

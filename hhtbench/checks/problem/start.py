@@ -104,7 +104,11 @@ def mass_rows(dynamics: Dynamics, states: list[Probe], found: Start) -> list[Row
         return []
     claims = (
         ("mass/symmetric", "the mass matrix is symmetric", f"{SYMMETRIC:.0e} of the diagonal entries"),
-        ("mass/definite", "the mass matrix has no negative direction", "smallest eigenvalue not below 0"),
+        (
+            "mass/definite",
+            "no mass is negative: the mass matrix is positive semidefinite",
+            "smallest eigenvalue not below 0",
+        ),
     )
     points = states if dynamics.structure.mass == "variable" else states[:1]
     arguments = [split(dynamics.structure, state.z) for state in points]
@@ -116,6 +120,9 @@ def mass_rows(dynamics: Dynamics, states: list[Probe], found: Start) -> list[Row
     smallest = min(_smallest_eigenvalue(mass) for mass in outcome.value)
     ok = smallest >= -SEMIDEFINITE
     text = f"{smallest:.2g} (unit diagonal)"
+    if not ok:
+        least, i = min((float(mass[i, i]), i) for mass in outcome.value for i in range(len(mass)))
+        text += f"; M[{i}, {i}] = {least:.4g}" if least < 0.0 else "; no diagonal entry is negative, but a combination is"
     if ok and mass_is_singular(outcome.value[0]):
         regular = found.found is not None and not found.found.singular
         text = f"singular; {'allowed, since the KKT matrix is regular' if regular else 'and the KKT matrix is not regular'}"

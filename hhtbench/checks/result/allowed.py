@@ -11,7 +11,7 @@ from hhtbench.solution.request import Request, plan_steps
 
 FINEST = 1e-10  # relative: no motion is known better after many steps
 RESOLVED = 1e-8  # relative: accuracy of the motion in the first steps
-MAX_EVALUATIONS = 2000  # of the equations, for the first steps
+MAX_EVALUATIONS = 2000  # evaluations of the equations, for the first steps
 STEPS_SEEN = 8  # fewest steps that show how well they resolve the motion
 PLACES = 4  # in every step of the integration here, its end included, at which is seen what prescribed steps miss
 

@@ -27,7 +27,7 @@ PLACES = 200  # at which accelerations are compared, one in each of as many equa
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # its multiples' fractional parts hit no grid
 WORST = 3  # ways between rows that are integrated, beside those across jumps of the velocities
 FINER = 1e-2  # tolerance of the integration, relative to the allowed distance
-MAX_EVALUATIONS = 2000  # of the accelerations
+MAX_EVALUATIONS = 2000  # evaluations of accelerations
 BLIND = "the equations of motion cannot be checked between the rows"
 
 Between = Callable[[Vector, Matrix, Matrix], Matrix]  # vdot (k, n) at t (k,), q and v (k, n)
@@ -93,7 +93,7 @@ class SteppedOver(NamedTuple):
 
     text: str = ""  #: where they lead to another row; "" where to none
     off: float = 0.0  #: the scaled distance of that from the row
-    evaluations: int = 0  #: of accelerations
+    evaluations: int = 0  #: number of evaluations of accelerations
 
 
 def stepped_over(problem: Problem, solution: Solution, allowed: float) -> SteppedOver:

@@ -131,7 +131,7 @@ class Crossing:
     i: int  #: its number
     t: float  #: [s]
     y: Vector  #: [q, v] (2n,) before it
-    change: Vector  #: of v (n,)
+    change: Vector  #: change of v (n,)
 
 
 class Flow:

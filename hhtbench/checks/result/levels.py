@@ -19,7 +19,7 @@ from hhtbench.solution.request import Request
 BELIEVABLE = 0.1  # violation in units of the typical size: beyond it the rows show another mechanism
 DRIFT = 1e4  # times the relative tolerance: drift allowed to forms that differentiate the constraints
 CHECKED_ROWS = 200  # the last one included: more would cost more than the steps
-SLOW_ROWS = 3  # of systems without machine code, where a row costs as much as a residual
+SLOW_ROWS = 3  # rows checked for systems without machine code, where a row costs as much as a residual
 NUMBERS = 40_000  # most numbers of constraint levels that machine code evaluates in a check: a fraction of a millisecond
 BESIDE = 1e-3  # share of the largest component by which smaller ones are scaled at least, as solvers do
 

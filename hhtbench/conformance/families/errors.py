@@ -19,7 +19,7 @@ def motion(most: float) -> dict[str, Expected]:
 
 
 REACTION = 10.0  # error of multipliers over that of the motion: they hold accelerations
-HALF = 0.5  # of the multipliers' scale: an error above it is a reaction that does not act, or acts twice
+HALF = 0.5  # error over the multipliers' scale from which a reaction does not act, or acts twice
 
 
 def reacting(most: float, rows: Matrix | None = None) -> dict[str, Expected]:

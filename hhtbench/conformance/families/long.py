@@ -22,8 +22,8 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.result import Solution
 
 STEPS = 500  # a swing
-ROWS = 40  # of output, about
-LEVELS = 1e-12  # of both levels, however long
+ROWS = 40  # number of output rows, about
+LEVELS = 1e-12  # violation of both levels, however long the run
 COARSE = (2 * math.pi / STEPS) ** 2  # (h w)^2, by which a method of second order errs
 ENERGY = COARSE  # over its range, however many steps of one length are made: it varies along a swing, and does not grow
 RTOL = 1e-6

@@ -22,7 +22,7 @@ ALONG = 1.0  # inertia along the quaternion [kg m^2]: its multiplier alone depen
 START = np.array([1.0, -1.0, 1.0, 1.0]) / 2  # attitude
 RATE = np.array([0.6, 0.0, 1.2])  # at the start, in the body's frame [rad/s]
 CURVATURE = 10.0  # error over h^2 of a method of second order [1/s^2]
-LEVELS = 1e-12  # of both levels with prescribed steps
+LEVELS = 1e-12  # violation of both levels with prescribed steps
 
 
 class Turning(System):

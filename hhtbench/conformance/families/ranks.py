@@ -22,7 +22,7 @@ from hhtbench.protocol.system import Motion, Problem
 SPAN = 2.0  # [s]
 LEVELS = 1e-12
 ROUNDED = 20 * float(np.finfo(np.float64).eps)
-BRANCH = 0.3  # of the scaled positions: nearer than that it is this branch and no other
+BRANCH = 0.3  # distance in scaled positions below which it is this branch and no other
 CURVATURE = 200.0  # error over h^2 of a method of second order on the branch [1/s^2]; HHT's is 104 on the slider-crank
 CRANK_ANGLE, CRANK_RATE = math.pi / 4, 4.0  # at the start of the slider-crank [rad], [rad/s]
 

@@ -27,11 +27,11 @@ SWING = 100.0  # error over h^2 of a method of second order in a swing of the pe
 ROUNDOFF = 1e-9
 COUNT = 200  # steps of a run with variable ones
 STIFF, STIFF_SPAN = 1e8, 5.0  # [1/s^2], [s]
-IN_PHASE = 0.3  # of a scaled motion, however long: a phase lost gives 2
-MOVED = 0.5  # of the amplitude away from the start, at least: damped or not, a vibration leaves it
-ROUNDED = 1e-12  # of levels, per second
+IN_PHASE = 0.3  # error of a scaled motion, however long: a phase lost gives 2
+MOVED = 0.5  # least distance from the start over the amplitude: damped or not, a vibration leaves it
+ROUNDED = 1e-12  # violation of both levels, per second
 RESOLVED = 0.1  # of the amplitude, where sixty steps make a period: a phase of 0.02 rad is HHT's in 200 steps
-OFF = 5e-9  # of a start: accepted as consistent
+OFF = 5e-9  # violation of a start that is accepted as consistent
 FAINT = 1e-6  # amplitude of a vibration [rad]
 
 

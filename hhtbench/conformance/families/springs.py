@@ -21,11 +21,11 @@ from hhtbench.solution.result import Solution
 
 SPAN = 5.0  # [s], most of a period of the slow motion
 CURVATURE = 10.0  # error over h^2 of a method of second order on a motion of frequency 1 [1/s^2], unless it is said
-GROWTH = 10.0  # of a fast vibration that counts as bounded
+GROWTH = 10.0  # growth up to which a fast vibration counts as bounded
 UNRESOLVED = 3.0  # at steps longer than the slow motion: that it stays of its size
 ROUNDOFF = 1e-9
-LEVELS = 20 * float(np.finfo(np.float64).eps)  # of constraints, over the size of q and v
-STIFF = 1e6  # of the steps [1/s^2]
+LEVELS = 20 * float(np.finfo(np.float64).eps)  # violation of constraints, over the size of q and v
+STIFF = 1e6  # stiffness over mass of the steps [1/s^2]
 TOLERANCES = (1e-3, 1e-5)
 STEPS = (1e-1, 1e-2, 1e-3)  # [s]
 PROBLEM = "stiff_spring_pendulum(stiffness=1e{})"
@@ -34,7 +34,7 @@ SWAY = 30.0  # over g/k, where the step does not resolve the spring: 11 there
 THERE = 0.3  # scaled, at any step: that the pendulum is where it should be, and not where it was
 SLOPE = (2e-2, 1e-2, 5e-3)  # steps of a fitted order [s]
 FITTED = (2, 10, 12)  # exponents of stiffness where they all resolve the spring, or are far beyond it
-SHORT = 0.5  # of the order
+SHORT = 0.5  # tolerated lack of the order
 LAST = 8  # exponent of the largest stiffness with a reference; that of the rigid rod is nearer to the others than SWAY g/k
 
 

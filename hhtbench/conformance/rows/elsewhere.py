@@ -93,7 +93,7 @@ def changed_results(subject: Subject) -> Cases:
     for rows, times in {"9 rows": np.linspace(*given.t_span, 9), "every step": None}.items():
         yield f"as it is, {rows}", ends(subject.ask(given, rtol=1e-6, t_eval=times), hb.Status.success)
         for case, change in CHANGES.items():
-            if times is not None or case != "a row is missing":  # of its steps nobody knows how many there must be
+            if times is not None or case != "a row is missing":  # the number of its own steps is not known
                 found = hb.solve(given, Changed(subject.fresh(), change), rtol=1e-6, t_eval=times)
                 yield f"{case}, {rows}", ends(found, hb.Status.unreliable)
 

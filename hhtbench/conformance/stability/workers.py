@@ -27,7 +27,7 @@ class Batch:
     solver: str
     family: str
     seed: int
-    places: tuple[int, ...]  #: of the cells within the family
+    places: tuple[int, ...]  #: indices of the cells within the family
 
 
 def measure_all(batches: Iterable[Batch], jobs: int, tell: Callable[[Batch, Sequence[Outcome]], None]) -> list[Outcome]:

@@ -24,7 +24,7 @@ PAIRS = (
     "collocation(form=ggl)",
     "collocation(form=index1)",
 )
-MAKERS = ("collocation(form=ggl)", "collocation(form=index1)", "projected(method=DOP853)")  # of the references
+MAKERS = ("collocation(form=ggl)", "collocation(form=index1)", "projected(method=DOP853)")  # makers of the references
 STEPPED = (
     "hht",
     "generalised_alpha",

@@ -61,7 +61,7 @@ def validate(
     compared = [compare_rows(spec, problem, rows) for spec, problem in loaded.items()]
     verdicts = judge(row for entry in compared for row in entry.rows)
     command = "hhtbench validate " + (" ".join(f'"{spec}"' for spec in problems) if problems else "--all")
-    matrices = [matrix_text(entry) for entry in compared] if problems else []  # of the library they would fill a book
+    matrices = [matrix_text(entry) for entry in compared] if problems else []  # for the whole library they would be too many
     reasons = {spec: " and ".join(HARD[tag] for tag in HARD if tag in problem.tags) for spec, problem in loaded.items()}
     return Validated(
         text="\n".join([solvability(verdicts, command), *matrices]),

@@ -13,12 +13,12 @@ from hhtbench.protocol.evidence import Row
 
 AGREEMENT = 1e-6  # largest scaled error of q and v along the trajectory
 AGREEMENT_OF_STEPS = 1e-4  # the same at constant steps of a second-order method
-CONVERGING = 0.2  # of the error at the next looser request: a solver on its way to the reference
+CONVERGING = 0.2  # error over that at the next looser request: a solver that converges to the reference
 NEAR = 1e-3  # error beyond which nothing counts as on its way
-MULTIPLIER = 1e-2  # of the errors of lam and mu, which follow from q and v with the stiffness as a factor
+MULTIPLIER = 1e-2  # bound on errors of lam and mu, which follow from q and v with the stiffness as a factor
 MIN_AGREEING = 6  # smallest number of pairs that must agree
 BUDGETS = ("deadline", "max_steps", "evaluation_budget")  # statuses that say nothing about the solver's answer
-LIMIT = 3.0  # of the reference's own error bar: a result this close cannot be told from it
+LIMIT = 3.0  # multiple of the reference's error bar within which a result cannot be distinguished from it
 
 
 class Kind(Enum):

@@ -35,7 +35,7 @@ class Compiled:
         self._calls: dict[Shapes, Callable[..., np.ndarray | None]] = {}  #: machine code; one that returns None: use XLA
         self._last: Callable[..., np.ndarray | None] = _nothing  #: machine code that was called last
         self._xla: Callable[..., np.ndarray] | None = None
-        self._xla_shapes: set[Shapes] = set()  #: of arguments it was compiled for
+        self._xla_shapes: set[Shapes] = set()  #: shapes of arguments it was compiled for
 
         def call(*arguments: Any) -> np.ndarray:  # a closure: a method costs a tenth of a microsecond more
             value = self._last(*arguments)

@@ -51,7 +51,7 @@ def derive(
         A declared function returns something that is not a real array, or no ``force`` is declared.
     """
     expect_names(type(system))  # type: ignore[arg-type] # classes are hashable
-    if issubclass(type(system), System):  # of an object equinox would be asked for its class
+    if issubclass(type(system), System):  # isinstance is slow: it asks equinox
         key = by_id(system), parameters_of(system), np.shape(q), ignored, without
         found: JaxDynamics = _derived.find(key, lambda: _derive_jax(system, t, q, v, ignored, without))
         return found
@@ -86,7 +86,7 @@ def parameters_of(value: Any) -> Hashable:
 
 def _found_way(value: Any) -> Hashable:
     """:func:`parameters_of` for the first value of its type; remembers the function for that type."""
-    kind = type(value)  # of an object equinox would be asked for its class, and for every attribute
+    kind = type(value)  # isinstance(value, ...) and attributes would ask equinox
     way = _ways[kind] = next((way for kinds, way in COMPARED if issubclass(kind, kinds)), by_id if value is None else same)
     return way(value)
 

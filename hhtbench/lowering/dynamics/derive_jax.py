@@ -48,7 +48,7 @@ def derive_jax(
             return JaxDynamics(system, generalised(structure, without), ignored, constant, inverse_of(constant, jnp))
     except TRACED_AS_VALUE as error:
         raise explain_control_flow(error, system) from error
-    except ValueError as error:  # of an assignment into an array of NumPy
+    except ValueError as error:  # raised by an assignment into an array of NumPy
         if not isinstance(error.__cause__, TRACED_AS_VALUE):
             raise
         raise explain_control_flow(error, system) from error
@@ -123,7 +123,8 @@ def abstract_result(system: System, name: str, at: dict[str, Any]) -> jax.ShapeD
             raise TypeError(f"{name} must return a real array; {error}") from error
         raise
     if not hasattr(result, "shape"):
-        raise TypeError(f"{name} must return one real array; got {type(result).__name__}.")
+        hint = " Make it one by jnp.stack([...])." if isinstance(result, (list, tuple)) else ""
+        raise TypeError(f"{name} must return one real array; got {type(result).__name__}.{hint}")
     if result.dtype.kind not in "fiu":
         raise TypeError(f"{name} must return real numbers; got dtype {result.dtype}.")
     return result

@@ -122,7 +122,7 @@ def second_derivative(
     rows, columns = np.nonzero(pattern)
     groups = group_columns(np.asarray(pattern, dtype=bool), np.arange(x.size))
     count, steps = int(groups.max()) + 1, _steps(x, MIXED_STEP, least)
-    column = np.full((np.size(weights), count), -1)  # of each row in each group
+    column = np.full((np.size(weights), count), -1)  # column of each row in each group
     column[rows, groups[columns]] = columns
     moves = [steps * (groups == k) for k in range(count)]
     twice = lambda move: function(x + move) + function(x - move)  # noqa: E731

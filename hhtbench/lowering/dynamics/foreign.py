@@ -60,7 +60,7 @@ class Called(eqx.Module, Dynamics):
 
     addresses: Any  #: (functions,) float64 holding the bits of the functions' addresses
     callbacks: Callbacks = eqx.field(static=True)
-    noise: float = eqx.field(static=True)  # type: ignore[misc] # of the dynamics
+    noise: float = eqx.field(static=True)  # type: ignore[misc] # roundoff of the dynamics' functions
     structure: Structure = eqx.field(static=True)
 
     @property
@@ -100,7 +100,7 @@ class ForeignDynamics(Called):
 def foreign(dynamics: Dynamics) -> ForeignDynamics:
     """Make ``dynamics`` of plain callables on NumPy arrays traceable."""
     s, callbacks = dynamics.structure, Callbacks(dynamics.system)
-    users = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}  # of copies already, and to be copied from
+    users = dynamics.functions if isinstance(dynamics, NumpyDynamics) else {}  # functions that may themselves be copies
     addresses = []
     for name, (arguments, results) in functions_of(s).items():
         function = users.get("mass_matrix" if name == "mass" else name) or as_declared(dynamics, name)

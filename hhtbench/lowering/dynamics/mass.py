@@ -16,7 +16,7 @@ from hhtbench.protocol.arguments import Matrix, Vector
 if TYPE_CHECKING:
     from hhtbench.lowering.dynamics.band_mass import BandInverse
 
-SYMMETRIC = 1e-12  # of the two diagonal entries: more than the roundoff of a product J^T m J
+SYMMETRIC = 1e-12  # asymmetry over the two diagonal entries: more than the roundoff of a product J^T m J
 SINGULAR = 1e13  # condition (diagonal scaled to one) from which M^-1 F has no digit to spare
 BROAD = 0.1  # of all coordinates: columns in a row, or diagonals of a band, from which the full matrix serves as well
 

@@ -30,7 +30,7 @@ from hhtbench.protocol.system import declared
 
 SMALL = 60  # unknowns of a step below which full matrices cost about the same; from 100 on they cost four times as much
 
-_entries = Cache(16)  # of masses: tracing takes a second
+_entries = Cache(16)  # entries of masses: tracing takes a second
 
 
 class MatrixFree(Wrapper):

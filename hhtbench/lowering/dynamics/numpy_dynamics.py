@@ -39,7 +39,7 @@ from hhtbench.protocol.system import (
 )
 from hhtbench.solution.counting import differencing, kept_of_solve, note_callback
 
-MOST_BYTES = 2**20  # of Jacobians that one solve keeps: those of the ends of steps serve their rows
+MOST_BYTES = 2**20  # bytes of Jacobians that one solve stores: those at the ends of steps serve their rows
 FEWEST_PLACES = 6  # the start of a step, its stage and its end, each by either order
 NOISE = EPS ** (2 / 3)  # relative error of reactions by differences of second order
 
@@ -105,7 +105,7 @@ class NumpyDynamics(Dynamics):
 
     def _by_differences(self, scheme: Callable[..., Any], *arguments: Any, **how: Any) -> Any:
         """Apply a ``scheme`` of differences, its calls counted for the derivative that a declaration would save."""
-        with differencing(self.gives):
+        with differencing(lambda name: bool(self.ignored) or self.gives(name)):  # a wrong one: no hint to declare it
             return scheme(*arguments, least=self.least, **how)
 
     @cached_property

@@ -12,9 +12,9 @@ from scipy.sparse.linalg import splu
 
 from hhtbench.protocol.arguments import Matrix, Vector
 
-RANK_TOLERANCE = 1e-10  # of unit rows: a dependent row has no more than roundoff left
-NO_SHARE = 1e-12  # of unit rows: what a dependent row has of another by roundoff
-SHIFT = 1e-14  # of C C^T, whose dependent rows have no inverse: far below the square of any other singular value
+RANK_TOLERANCE = 1e-10  # what a dependent unit row has left, at most: roundoff
+NO_SHARE = 1e-12  # share of another unit row that a dependent one has by roundoff
+SHIFT = 1e-14  # shift of C C^T, which is singular for dependent rows: far below the square of any other singular value
 TRUSTED = 1e-4  # singular values from which iteration with the shifted matrix has told apart what is smaller
 SWEEPS = 3  # of that iteration: each makes parts of the null space 1e6 times larger than any other below TRUSTED
 FEW = 8  # vectors of the null space that are looked for first

@@ -42,7 +42,7 @@ class _Seen(NamedTuple):
     """Properties of operands that rules test."""
 
     known: np.ndarray  #: they are constants
-    value: np.ndarray  #: of these; else NaN
+    value: np.ndarray  #: value of known nodes; else NaN
     negative: np.ndarray  #: they are the negative ...
     inner: Ids  #: ... of these
 

@@ -20,7 +20,7 @@ from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, lo
 from hhtbench.lowering.scalar_compiler.store import CALLS, CODES, ZERO, Ids, NotNative, TooLarge
 from hhtbench.solution.counting import preparing
 
-FORMAT = 3  # of how object code is generated; part of the name of its file
+FORMAT = 3  # version of the generation of object code; part of the name of its file
 MOST_OPERATIONS = 100_000  # written down: tracing, lowering and generating them takes some ten seconds
 IN_LOOPS = 5_000  # operations from which equal ones are written as loops: a fifth of the time to generate, as fast to run
 FLOAT = np.dtype(np.float64)
@@ -173,7 +173,7 @@ def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
     if np.count_nonzero(counts) <= IN_LOOPS:
         emitted = emit(graph, outputs, lowered.arguments)
     else:
-        from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops  # of large systems alone
+        from hhtbench.lowering.scalar_compiler.emit_loops import emit_loops  # imported for large systems only
 
         emitted = emit_loops(graph, outputs, lowered.arguments, counts, MOST_OPERATIONS)
     if emitted.operations > MOST_OPERATIONS:
@@ -220,7 +220,7 @@ class _Memory(threading.local):
     """Memory of each thread: arguments are copied in, the result is copied out."""
 
     def __init__(self, native: Native, shapes: Shapes) -> None:
-        self.places = [(np.zeros(shape), shape) for shape in shapes]  #: of every argument
+        self.places = [(np.zeros(shape), shape) for shape in shapes]  #: buffer and shape of every argument
         self.result = np.zeros(native.shape)
         arrays = self.result, native.parameters, *(place for place, _ in self.places)
         self.pointers = np.array([array.ctypes.data for array in arrays], dtype=np.uintp)

@@ -91,7 +91,7 @@ class Writer:
 
     def __init__(self, graph: Graph) -> None:
         self.graph = graph
-        self.table = ""  #: of the outputs' known entries
+        self.table = ""  #: code of the table of the outputs' known entries
         self.lines: list[str] = []
         self.scratch: list[str] = []  #: stack space of the calls
         self.declarations: set[str] = set()

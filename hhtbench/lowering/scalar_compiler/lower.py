@@ -36,7 +36,7 @@ class Lowered:
 
     graph: Graph
     outputs: Ids  #: one node for every entry of the result, row by row
-    shape: tuple[int, ...]  #: of the result
+    shape: tuple[int, ...]  #: shape of the result
     arguments: int  #: how many arrays it takes
 
     @cached_property

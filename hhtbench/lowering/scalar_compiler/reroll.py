@@ -45,13 +45,13 @@ class Rerolled:
         self.graph, self.room = graph, 0
         self.forms: list[Form] = []
         self._numbers: dict[Form, int] = {}
-        self._lengths: list[int] = []  #: of forms, in operations
+        self._lengths: list[int] = []  #: length of each form, in operations
         self._kept = self._number(KEPT), self._number(TRUTH)
         self._code, self._operands = graph.column("code"), [graph.column(name) for name in "xyz"]
         live, size = np.flatnonzero(counts), len(graph.code)
-        self._form = np.zeros(size, dtype=np.int32)  #: of nodes, as operands: of those that are kept that of their place
+        self._form = np.zeros(size, dtype=np.int32)  #: form of each node; of a stored node that of its memory index
         self._level = np.zeros(size, dtype=np.int32)  #: for how many loops they wait
-        self._places = np.zeros(size, dtype=np.int64)  #: of nodes that are kept
+        self._places = np.zeros(size, dtype=np.int64)  #: memory index of each node that is stored
         single = np.isin(NAMES, LEAVES)
         shared = live[(counts[live] > 1) & ~single[self._code[live]] | IS_CALL[self._code[live]]]
         shared = shared[self._code[shared] != CODES["entry"]]
@@ -87,7 +87,7 @@ class Rerolled:
         keys = code.astype(np.uint64)
         for i, operand in enumerate(self._operands):
             part = np.where(ARITY[code] > i, self._form[operand[nodes] * (ARITY[code] > i)], 0)
-            if i == 0:  # of an argument its number
+            if i == 0:  # an operand that is an argument is described by its number
                 part = np.where(code == CODES["argument"], operand[nodes], part)
             keys = keys * FORMS + part.astype(np.uint64)
         calls = np.flatnonzero(IS_CALL[code])

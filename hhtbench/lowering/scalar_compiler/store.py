@@ -22,7 +22,7 @@ LEAVES = "constant", "parameter", "argument", "true", "false"
 CALLS = "solve", "banded", "foreign"  # operations with many operands and results
 NAMES = (*LEAVES, "entry", *CALLS, *INSTRUCTIONS, *FUNCTIONS)
 CODES = {name: code for code, name in enumerate(NAMES)}
-TWO = "atan2", "max", "min", "pow"  # of the functions; the others take one number
+TWO = "atan2", "max", "min", "pow"  # functions of two numbers; the others take one
 ARITIES = [
     INSTRUCTIONS[name].count("{}")
     if name in INSTRUCTIONS
@@ -61,8 +61,8 @@ class Store:
         self.limit = limit  #: nodes that may be made alone, live or not
         self.code, self.depth = array("B"), array("i")  #: ``depth``: larger than that of all operands
         self.x, self.y, self.z = array("i"), array("i"), array("i")
-        self.values = array("d")  #: of constants
-        self.operands: dict[int, Ids] = {}  #: of calls
+        self.values = array("d")  #: values of constants
+        self.operands: dict[int, Ids] = {}  #: operands of calls
         self._known: dict[tuple[Any, ...], int] = {}
         self._table = np.zeros(0, dtype=np.int32)  #: nodes by their hash, -1 for none
         self._entered = 0  #: nodes that are in the table
@@ -174,7 +174,7 @@ class Store:
         while left.size:
             own, at = nodes[left], places[left]
             empty = self._table[at] < 0
-            self._table[at[empty]] = own[empty]  # of several the last one
+            self._table[at[empty]] = own[empty]  # where several fit, the last one
             there = self._table[at]
             same = (x[there] == x[own]) & (y[there] == y[own]) & (code[there] == code[own]) & (z[there] == z[own])
             found[left[same]] = there[same]

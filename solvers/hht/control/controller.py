@@ -135,10 +135,11 @@ def step_is_known(control: Any, o: Any) -> Any:
 
 @compiled
 def hopeless(z: Any, o: Any, h: Any, size: Any, last: Any) -> Any:
-    """True if the error is roundoff, so that no step shorter than h [s] helps; compares with the first step and error tried.
+    """Return True if the error ``size`` (1: as large as allowed) of a step of h [s] is roundoff: no shorter step helps.
 
-    The error that a force jump leaves in v is proportional to h, and errors outside the asymptotic range fall below the
-    ``last`` one tried; roundoff stays or grows, and cannot exceed the roundoff of q and v.
+    Stores the first h and error tried from this state in ATTEMPT, to compare later ones with.  The error that a force
+    jump leaves in v is proportional to h, and errors outside the asymptotic range fall below the ``last`` one tried;
+    roundoff stays or grows, and cannot exceed the roundoff of q and v.
     """
     tried = part(z, mem.ATTEMPT)
     if tried[mem.FIRST_H] == 0.0:

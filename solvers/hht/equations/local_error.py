@@ -60,7 +60,7 @@ def answer(dynamics: Dynamics, method: Method, layout: Layout, error: Any, given
 
 
 def _position(dynamics: Dynamics, method: Method, before: Any, after: Any, memory: Any) -> Any:
-    """Imbalance (n,) that causes the error of q1, (H23)."""
+    """Return the local error of q1 over h^2, before its projection P1 onto the constraints (n,) [m/s^2], (H23)."""
     c, h, xp = method.coefficients, before["h"], dynamics.xp
     raw = (1 + 3 * c.alpha**2) / 12 * (after["a1"] - (before["a0"] + before["from_end"] * after["a"]))
     if dynamics.structure.m:
@@ -75,7 +75,7 @@ def _position(dynamics: Dynamics, method: Method, before: Any, after: Any, memor
 def _reaction(dynamics: Dynamics, method: Method, layout: Layout, before: Any, after: Any) -> Any:
     """Acceleration r (n,) by the reactions at the end of the step, with multipliers of second order, (H24)."""
     s, xp, force, h, t1 = dynamics.structure, dynamics.xp, 0.0, before["h"], before["t1"]
-    share = xp.where(before["last"] == 0.0, 1.0, h / (h + before["last"]))  # of a change that is still to come
+    share = xp.where(before["last"] == 0.0, 1.0, h / (h + before["last"]))  # share of the change of r that is still to come
     if s.m:
         first = after["lam0"] + before["lam_applied"] if layout.extrapolated else after["lam0"]
         change = after["lam1"] if method.reaction.startswith("midpoint") else first

@@ -26,7 +26,7 @@ from solvers.kernel.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 NUMBERS = (int, float, str, type(None))
 LIBRARIES = ("jax", "numpy", "math")  # modules whose contents do not change
 BUILTINS = (abs, min, max, float, int, len, range, sum, pow, round)
-MAX_DEPTH = 4  # of functions that call one another
+MAX_DEPTH = 4  # depth to which functions that call one another are followed
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class Event:
         Several events at one time change the state in the order in which they were given, and again where the change by
         one leads back to the zero of another, as between three bodies that collide together.  A change that reverses or
         stops the function leaves the motion on the side of the zero from which it came; any other lets it pass.
-        Changes that pile up at one time, as those of a ball that comes to rest, end the run with a status: end it
-        earlier, by a terminal event at low height and speed, and continue with a constraint instead of the contact.
+        Changes that pile up at one time, as those of a ball that comes to rest, end the run as ``time_resolution``: end
+        it earlier by ``terminal=N``, and continue with a constraint instead of the contact.
     name
         For messages; by default the function's own name.
     samples

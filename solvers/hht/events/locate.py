@@ -26,7 +26,7 @@ from solvers.kernel.numbers import EPS, TINY
 if TYPE_CHECKING:
     from solvers.hht.run.engine import Engine
 
-NUDGE = 1e-7  # of the distance of samples: increment of time for the slope of an event function
+NUDGE = 1e-7  # increment of time for the slope of an event function, over the distance of samples
 WIDER = 8.0  # growth of the bracket while the other side of an event is searched
 CLOSE = 4.0  # spacings of floating-point times within which an event is at the end of a step
 TOGETHER = 8.0  # spacings within which events that change the state happen at one time
@@ -38,7 +38,7 @@ Attempt = tuple[Vector, ...]  # copy of an attempted step from the loops' memory
 class Crossing:
     """A change of sign of an event function along a step's dense output."""
 
-    index: int  #: of the event
+    index: int  #: number of the event in the list that the user gave
     t: float  #: [s]
     side: int  #: sign of the function before it
     bracket: tuple[float, float]  #: times [s] of the samples on both sides

@@ -14,9 +14,9 @@ from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS
 
 BESIDE = 1e-300  # value stored for a function at its zero, with the sign of the motion's side
-ZERO = 1e-12  # of the change in the first step: smaller values at a start count as zero
-NUDGE = EPS ** (1 / 3)  # of a step: increment that balances roundoff and truncation of a second-order difference
-MIN_SCALE = 1e-4  # of the time size_q / size_v: lower bound on the step over which rates are taken
+ZERO = 1e-12  # values at a start below this share of their change in the first step count as zero
+NUDGE = EPS ** (1 / 3)  # increment over the step that balances roundoff and truncation of a second-order difference
+MIN_SCALE = 1e-4  # lower bound on the step over which rates are taken, over the time size_q / size_v
 ROUNDOFFS = 32.0  # roundoffs of t, q and v within which a located event is from its zero
 SHIFT = 2.0**-26  # perturbation relative to q and v that shows the effect of their roundoff on a function
 
@@ -28,7 +28,7 @@ class Local:
     value: float
     rate: float  #: [1/s]
     change: float  #: estimate over a step of h
-    roundoff: float  #: of the value
+    roundoff: float  #: roundoff of ``value``
     near: float  #: largest value after an event was located at the function's zero
     unsure: float  #: error of the rate [1/s]
 

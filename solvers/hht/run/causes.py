@@ -20,7 +20,7 @@ from hhtbench.solution.counting import Work, uncounted
 from hhtbench.solution.result import Status
 from solvers._finite import as_arguments
 from solvers._projection import Projection
-from solvers._start import Failure, Place
+from solvers._start import Failure, PhasePoint
 from solvers.hht.run.engine import Engine, not_extrapolated
 from solvers.hht.run.singular import dense
 from solvers.hht.run.start import make_engine
@@ -35,7 +35,7 @@ ROUNDOFFS = 9  # largest difference of nearly equal arguments, in roundoffs
 WIDER = 1024.0  # factor on these differences of arguments for comparison
 SMOOTH = 0.01  # a smooth function's values differ less than this, relative to the differences with WIDER
 FELT = 1e-3  # noise relative to the tolerance below which error control is unaffected
-ITERATIONS = 30  # of the power iteration: the frequency is then accurate to some per cent, from below
+ITERATIONS = 30  # steps of the power iteration: the frequency is then accurate to some per cent, from below
 DIFFERENCE = EPS ** (1 / 3)  # increment relative to q: balances truncation and roundoff of a central difference
 BY_REACTIONS = 0.5  # share of constraint forces in omega^2 above which they carry the vibration
 RESOLVED = 0.02  # h omega from which a vibration may determine the steps
@@ -45,7 +45,7 @@ FOLLOWS = 0.1  # change of v relative to that by forces alone below which dampin
 UNRESOLVED = 0.5  # change of v in one step, relative to max|v|, from which forces are not resolved
 ALTERNATIONS = 5  # consecutive changes of sign that make a vibration
 VISIBLE = 1e-8  # displacement per step, relative to q, below which a speed is not reported
-GROWTH = 1e5  # of an alternating vibration from which prescribed steps are unstable
+GROWTH = 1e5  # growth of an alternating vibration from which prescribed steps count as unstable
 STEADY = 1e-2  # bound on median^2 over first * last size, 1 for a vibration growing by equal factors
 
 
@@ -60,7 +60,7 @@ def explained(engine: Engine, failure: Failure, state: State, h: float, finest: 
     return replace(failure, message=f"{failure.message.removesuffix('.')}. {cause}.") if cause else failure
 
 
-def cause_at(engine: Engine, status: Status, place: State | Place, h: float, *, finest: float, rate: float) -> str:
+def cause_at(engine: Engine, status: Status, place: State | PhasePoint, h: float, *, finest: float, rate: float) -> str:
     """Sentence on the cause of a failed step of ``h`` [s] from ``place``; empty if none is found.
 
     ``finest``: smallest relative tolerance, 0 with prescribed steps; ``rate``: speed of the motion over its size [1/s].
@@ -72,13 +72,13 @@ def cause_at(engine: Engine, status: Status, place: State | Place, h: float, *, 
     return ""
 
 
-def diagnosed(system: Any, options: Any, status: Status, place: Place, h: float, *, finest: float, rate: float) -> str:
+def diagnosed(system: Any, options: Any, status: Status, place: PhasePoint, h: float, *, finest: float, rate: float) -> str:
     """Cause of the end with ``status`` of an HHT run at ``place``, for :meth:`~hhtbench.Solution.diagnose`."""
     engine = make_engine(system, options, place, Work(), controlled=finest > 0.0)
     return cause_at(engine, status, place, h, finest=finest, rate=rate)
 
 
-def noise(engine: Engine, state: State | Place, finest: float) -> str:
+def noise(engine: Engine, state: State | PhasePoint, finest: float) -> str:
     """Message naming functions of a NumPy system whose values differ between calls with (nearly) equal arguments, or "".
 
     Differences far below the tolerance ``finest`` are ignored.
@@ -97,7 +97,7 @@ def noise(engine: Engine, state: State | Place, finest: float) -> str:
     return ""
 
 
-def _spread(engine: Engine, state: State | Place, size: float) -> dict[str, float]:
+def _spread(engine: Engine, state: State | PhasePoint, size: float) -> dict[str, float]:
     """Relative differences of the values of declared functions between calls, at arguments ``size`` times roundoff apart."""
     dynamics, calls = engine.dynamics, []
     for number in range(CALLS):
@@ -112,7 +112,7 @@ def _spread(engine: Engine, state: State | Place, size: float) -> dict[str, floa
     return found
 
 
-def _scales(dynamics: Any, state: State | Place) -> dict[str, float]:
+def _scales(dynamics: Any, state: State | PhasePoint) -> dict[str, float]:
     """Sizes of the terms that constraints sum up, since the values themselves vanish."""
     s, found, (t, q, v) = dynamics.structure, {}, as_arguments(dynamics, state.t, state.q, state.v)
     if s.m:
@@ -135,7 +135,7 @@ def _values(dynamics: Any, arguments: list[Any]) -> dict[str, Any]:
     return {name: call() for name, call in values.items() if declared(dynamics.system, name) is not None}
 
 
-def vibration(engine: Engine, state: State | Place, h: float, status: Status, rate: float) -> str:
+def vibration(engine: Engine, state: State | PhasePoint, h: float, status: Status, rate: float) -> str:
     """Names the fastest vibration about ``state`` if steps of ``h`` [s] follow it or are unstable for it, (H33).
 
     ``rate``: speed of the motion over its size [1/s]; a vibration limits the steps only if it is much faster.
@@ -165,7 +165,7 @@ def remedies(engine: Engine) -> list[str]:
     return found
 
 
-def fastest(engine: Engine, at: State | Place) -> tuple[float, float]:
+def fastest(engine: Engine, at: State | PhasePoint) -> tuple[float, float]:
     """omega [1/s] of the fastest small vibration about a state, and the share of reactions in omega^2.
 
     omega^2 is the largest eigenvalue of M^-1 d(C^T lam - F)/dq for changes of q tangent to the rows C = [g_q; k_v],

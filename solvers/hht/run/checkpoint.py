@@ -21,7 +21,7 @@ from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprints
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.result import Counters
-from solvers._start import Place
+from solvers._start import PhasePoint
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
 from solvers.hht.events.event import Event, Occurrence
@@ -34,7 +34,7 @@ from solvers.hht.step.state import ControlMemory, Factorised, State
 from solvers.kernel.memory import GIVEN, HEAD
 
 MAGIC, VERSION = b"hhtbench HHT checkpoint", 10
-RECORDS = (IntegratorState, Place, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
+RECORDS = (IntegratorState, PhasePoint, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
 NUMBERS = np.dtype("<f8")  # numbers of arrays
 COUNTERS = {f.name for f in fields(Counters)} - {"provenance"}

@@ -16,11 +16,10 @@ import numpy as np
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from solvers._projection import PROJECTED
-from solvers._start import Failure
-from solvers._start import Place as Start
+from solvers._start import Failure, PhasePoint
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.run.engine import Engine
-from solvers.hht.run.singular import Place, SingularPosition, UnitRows
+from solvers.hht.run.singular import AcceleratedPoint, SingularPosition, UnitRows
 from solvers.hht.run.start import first_state
 from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS
@@ -55,7 +54,7 @@ class Approach:
     engine: Engine
     tolerances: Tolerances
     position: SingularPosition
-    places: list[Place]  #: the last rows of the run
+    places: list[AcceleratedPoint]  #: the last rows of the run
     state: State  #: its last state
     stop: float  #: end of the interval [s]
 
@@ -94,7 +93,7 @@ class Approach:
         q, v = quadrature(start, h, nodes)
         expected = extrapolated(start, t1, nodes)
         for _ in range(SWEEPS):
-            far = self._accelerated(self._projected(rows, Place(t1, q, v, expected), start))
+            far = self._accelerated(self._projected(rows, AcceleratedPoint(t1, q, v, expected), start))
             q, v = quadrature(start, h, [far, *nodes])
         if largest(far.vdot - expected) > SMOOTH * max(largest(x.vdot) for x in nodes):
             raise Refused("accelerations on its far side are not those that lead to it")
@@ -112,7 +111,7 @@ class Approach:
             raise Refused("the run is beyond it")
         return t1
 
-    def _accelerated(self, place: Place) -> Place:
+    def _accelerated(self, place: AcceleratedPoint) -> AcceleratedPoint:
         """``place`` with v' of the acceleration level."""
         found = self.engine.acceleration.solve(place.t, place.q, place.v, self.state.lam, self.state.mu)
         self.engine.work.add("residual_evaluations", self.engine.points)
@@ -120,7 +119,7 @@ class Approach:
             raise Refused("accelerations beside it are not determined")
         return replace(place, vdot=found.vdot)
 
-    def _projected(self, rows: UnitRows, place: Place, start: Place) -> Place:
+    def _projected(self, rows: UnitRows, place: AcceleratedPoint, start: AcceleratedPoint) -> AcceleratedPoint:
         """``place`` projected onto both levels; refused unless that solution is isolated (Newton-Kantorovich)."""
         t, sizes = place.t, np.concatenate([np.full(start.q.size, largest(x)) for x in (start.q, start.v)])
         q, v = rows.projection.nearest(t, place.q, place.v)
@@ -131,23 +130,23 @@ class Approach:
             raise Refused("other motions leave it in nearly the same direction")
         return found
 
-    def _check_error(self, start: Place, end: tuple[Vector, Vector], rough: tuple[Vector, Vector]) -> None:
+    def _check_error(self, start: AcceleratedPoint, end: tuple[Vector, Vector], rough: tuple[Vector, Vector]) -> None:
         """Refuse a step whose ends by four and by three values of v' differ too much."""
         at, there = (replace(self.state, q=q, v=v) for q, v in ((start.q, start.v), end))
         size = self.tolerances.size(at, there, np.concatenate(rough) - np.concatenate(end))
         if size > max(1.0, MAX_ERROR / math.sqrt(max(self.tolerances.finest, EPS))):
             raise Refused(f"the error of a step across it is {size:.2g} times what the tolerances allow of a step")
 
-    def _begun(self, far: Place, h: float) -> State:
+    def _begun(self, far: AcceleratedPoint, h: float) -> State:
         """A first state at ``far``, as after a start."""
-        found = first_state(self.engine, Start(far.t, far.q, far.v), self.state.lam, self.state.mu, h)
+        found = first_state(self.engine, PhasePoint(far.t, far.q, far.v), self.state.lam, self.state.mu, h)
         if isinstance(found, Failure):
             raise Refused(found.message)
         size_q, size_v = max(found.size_q, self.state.size_q), max(found.size_v, self.state.size_v)
         return replace(found, size_q=size_q, size_v=size_v)
 
 
-def _spread_over(places: list[Place], width: float) -> list[Place]:
+def _spread_over(places: list[AcceleratedPoint], width: float) -> list[AcceleratedPoint]:
     """The last of ``places`` and two before it, at least ``width`` [s] apart; newest first."""
     found = [places[-1]]
     for place in reversed(places):
@@ -158,7 +157,7 @@ def _spread_over(places: list[Place], width: float) -> list[Place]:
     raise Refused(TOO_FEW)
 
 
-def quadrature(start: Place, h: float, nodes: list[Place]) -> tuple[Vector, Vector]:
+def quadrature(start: AcceleratedPoint, h: float, nodes: list[AcceleratedPoint]) -> tuple[Vector, Vector]:
     """q and v (n,) after a step of ``h`` [s] from ``start``, integrating the polynomial through v' of ``nodes``."""
     x = [(node.t - start.t) / h for node in nodes]
     weights = coefficients(x, [node.vdot for node in nodes])
@@ -167,7 +166,7 @@ def quadrature(start: Place, h: float, nodes: list[Place]) -> tuple[Vector, Vect
     return start.q + h * start.v + h * h * (1 / (k * (k + 1))) @ weights, v
 
 
-def extrapolated(start: Place, t: float, nodes: list[Place]) -> Vector:
+def extrapolated(start: AcceleratedPoint, t: float, nodes: list[AcceleratedPoint]) -> Vector:
     """v' (n,) at ``t`` [s] by the polynomial through v' of ``nodes``."""
     scale = t - start.t
     weights = coefficients([(node.t - start.t) / scale for node in nodes], [node.vdot for node in nodes])

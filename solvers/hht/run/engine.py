@@ -18,7 +18,7 @@ from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.protocol.system import NumpySystem, System, declared
 from hhtbench.solution.counting import Work
 from solvers._finite import explain_nonfinite
-from solvers._start import Guesses, Place, of_dynamics, points_of, usable
+from solvers._start import Guesses, PhasePoint, of_dynamics, points_of, usable
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.plan import Plan
 from solvers.hht.events.event import Event
@@ -50,14 +50,14 @@ class Engine:
     Beside the loops' memory it counts evaluations and remembers whether declared derivatives were replaced.
     """
 
-    def __init__(self, dynamics: Dynamics, place: Place, work: Work, options: HHTOptions, *, controlled: bool) -> None:
+    def __init__(self, dynamics: Dynamics, place: PhasePoint, work: Work, options: HHTOptions, *, controlled: bool) -> None:
         """``place``: start of the run; ``controlled``: under error control."""
         self.dynamics, self.place, self.work = dynamics, place, work
         self.method, self.control, self.linsolver = options.method(controlled=controlled), options.control, options.linsolver
         self._without = options.without
         self.functions = functions = functions_for(dynamics, self.method, self.linsolver)
         self.layout, self.points = functions.layout, points_of(dynamics)  # evaluations per call
-        self.structure = self.layout.structure  #: of the steps: the mass may be known by its entries
+        self.structure = self.layout.structure  #: structure that the steps use: the mass may be known by its entries
         self._applied = self.structure.m if self.layout.extrapolated else 0  # multipliers of (H55)
         if self.layout.extrapolated and self.structure.mass == "sparse":
             raise NotTaken(
@@ -89,7 +89,7 @@ class Engine:
         """Bytes of the arrays kept between runs."""
         return self.loops.nbytes if "loops" in self.__dict__ else 0
 
-    def again(self, place: Place, work: Work) -> Engine:
+    def again(self, place: PhasePoint, work: Work) -> Engine:
         """Reset this engine for another run from ``place``."""
         self.place, self.work, self._stopped, self._failed_derived = place, work, None, None
         if "loops" in self.__dict__:
@@ -175,7 +175,7 @@ class Engine:
             loops.held = state
         return state, made, self._unless_spent(ended)
 
-    def started(self, place: Place, guesses: Guesses) -> State | None:
+    def started(self, place: PhasePoint, guesses: Guesses) -> State | None:
         """First state by machine code, if ``place`` is plainly a good start; None where full checks are needed."""
         work, count, s, (lam, mu) = self.work, self.points * (1 + self.structure.constrained), self.structure, guesses
         work.check_time()

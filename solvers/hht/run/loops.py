@@ -15,7 +15,7 @@ from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import NonFiniteValue, ProblemError
 from hhtbench.solution.counting import Work
-from solvers._start import Guesses, Place
+from solvers._start import Guesses, PhasePoint
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.known import Layout
@@ -141,7 +141,7 @@ class Loops:
         if self.events.events:
             integer_view(z, mem.EVENT_CODE)[:] = self.events.codes()
 
-    def start(self, place: Place, guesses: Guesses) -> State | None:
+    def start(self, place: PhasePoint, guesses: Guesses) -> State | None:
         """First state at ``place`` with multipliers near ``guesses``; None if this is not plainly a good start."""
         self.held, (t, q, v) = None, self._place
         t[:], q[:], v[:] = place.t, place.q, place.v

@@ -41,7 +41,7 @@ def put_on_constraints(engine: Engine, t: Vector, q: Matrix, v: Matrix, sizes: V
     with work.for_output():
         work.add("residual_evaluations", engine.points * t.size)
         functions = None if engine.plain else engine.functions
-        return put(engine.dynamics, functions, t, q, v, sizes, lambda: clock.left() >= 0.0)
+        return project_rows(engine.dynamics, functions, t, q, v, sizes, lambda: clock.left() >= 0.0)
 
 
 def projection_of(engine: Engine) -> Callable[[Any], OnConstraints]:
@@ -55,11 +55,11 @@ def _projection(dynamics: Dynamics, functions: Functions | None, steps: Any, *, 
 
 
 def _put_later(dynamics: Dynamics, functions: Functions | None, t: Vector, q: Matrix, v: Matrix, sizes: Vector) -> str:
-    """:func:`put` without the run's counts and budgets; returns a warning or ""."""
-    return str(put(dynamics, functions, t, q, v, sizes))
+    """:func:`project_rows` without the run's counts and budgets; returns a warning or ""."""
+    return str(project_rows(dynamics, functions, t, q, v, sizes))
 
 
-def put(
+def project_rows(
     dynamics: Dynamics,
     functions: Functions | None,
     t: Vector,
@@ -90,7 +90,7 @@ def put(
         moved_q, moved_v = np.split(packed[:, 1:], 2, axis=1)
         done &= near(q, moved_q, sizes)
         q[done], v[done] = moved_q[done], moved_v[done]
-    return OneByOne(dynamics).put(np.flatnonzero(~done), t, q, v, sizes, going)
+    return OneByOne(dynamics).project_rows(np.flatnonzero(~done), t, q, v, sizes, going)
 
 
 def _memory_for(functions: Functions) -> Places | None:

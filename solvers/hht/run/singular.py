@@ -17,8 +17,7 @@ from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from hhtbench.solution.counting import check_time
 from hhtbench.solution.result import Status
 from solvers._projection import Projection
-from solvers._start import Failure
-from solvers._start import Place as Start
+from solvers._start import Failure, PhasePoint
 from solvers.hht.run.engine import Engine
 from solvers.kernel import memory as mem
 
@@ -38,7 +37,7 @@ LOST = 0.05  # ratio of singular values below which one counts as vanished
 
 
 @dataclass(frozen=True)
-class Place(Start):
+class AcceleratedPoint(PhasePoint):
     """A point of a motion, with its acceleration (n,)."""
 
     vdot: Vector
@@ -49,7 +48,7 @@ class Place(Start):
         speed = float(np.abs(self.v).max())
         return float(np.abs(self.q).max()) / speed if speed > 0.0 else np.inf
 
-    def moved(self, s: float) -> Place:
+    def moved(self, s: float) -> AcceleratedPoint:
         """The motion extrapolated by ``s`` [s], to second order."""
         return replace(self, t=self.t + s, q=self.q + s * self.v + s * s / 2 * self.vdot, v=self.v + s * self.vdot)
 
@@ -83,26 +82,26 @@ class UnitRows:
         The rank is undefined: a value is not finite, or a row is zero at ``first``.
     """
 
-    def __init__(self, dynamics: Dynamics, first: Start) -> None:
+    def __init__(self, dynamics: Dynamics, first: PhasePoint) -> None:
         self.dynamics, self.projection = dynamics, Projection(dynamics)
         self.first, self._lengths = first, np.ones((1, 1))
         self._lengths = np.linalg.norm(self.at(first), axis=1, keepdims=True)
 
-    def at(self, place: Start) -> Matrix:
+    def at(self, place: PhasePoint) -> Matrix:
         """The scaled rows (m + p, n) at ``place``."""
         rows = self._rows(place)
         if not (self._lengths > 0.0).all():
             raise linalg.LinAlgError("the constraints have no rank, where a row is zero")
         return np.asarray(linalg.lapack.dtrtrs(self.root(place), rows.T, lower=1)[0].T / self._lengths)
 
-    def _rows(self, place: Start) -> Matrix:
+    def _rows(self, place: PhasePoint) -> Matrix:
         check_time()
         rows = dense(self.projection.levels.at(place.t, place.q, place.v).rows)
         if not np.isfinite(rows).all():
             raise linalg.LinAlgError("the constraints have no rank, where something is not finite")
         return rows
 
-    def root(self, place: Start) -> Matrix:
+    def root(self, place: PhasePoint) -> Matrix:
         """Lower Cholesky factor (n, n) of the mass; the identity for a singular one, as rank does not depend on it."""
         mass = dense(self.projection.mass(place.t, place.q))
         if not np.isfinite(mass).all():
@@ -112,7 +111,7 @@ class UnitRows:
         except linalg.LinAlgError:
             return np.eye(len(mass))
 
-    def least(self, place: Start) -> float:
+    def least(self, place: PhasePoint) -> float:
         """Least singular value at ``place``."""
         return float(np.linalg.svd(self.at(place), compute_uv=False)[-1])
 
@@ -122,7 +121,9 @@ def dense(matrix: Any) -> Matrix:
     return np.asarray(matrix if isinstance(matrix, np.ndarray) else matrix.toarray())
 
 
-def singular_position(dynamics: Dynamics, start: Start, places: list[Place], reach: float) -> SingularPosition | None:
+def singular_position(
+    dynamics: Dynamics, start: PhasePoint, places: list[AcceleratedPoint], reach: float
+) -> SingularPosition | None:
     """The singular position that ends a run from ``start`` at the last of ``places``; None if there is none.
 
     ``reach`` [s]: distance within which it counts as the cause.  It is extrapolated from the last place not too close to it.
@@ -145,13 +146,13 @@ def singular_position(dynamics: Dynamics, start: Start, places: list[Place], rea
         return None
 
 
-def _on_constraints(rows: UnitRows, place: Place) -> Place:
+def _on_constraints(rows: UnitRows, place: AcceleratedPoint) -> AcceleratedPoint:
     """The nearest place on the constraints, since an extrapolated motion may leave them and lose rank elsewhere."""
     q, v = rows.projection.nearest(place.t, place.q, place.v)
     return replace(place, q=q, v=v) if np.isfinite(q).all() else place
 
 
-def _last(places: list[Place], is_clear: Callable[[Place], bool]) -> Place | None:
+def _last(places: list[AcceleratedPoint], is_clear: Callable[[AcceleratedPoint], bool]) -> AcceleratedPoint | None:
     """The last of ``places`` that ``is_clear``, by doubling the distance from the end and then bisection."""
     near, far = 0, 1
     while far < len(places) and not is_clear(places[-far]):
@@ -161,7 +162,7 @@ def _last(places: list[Place], is_clear: Callable[[Place], bool]) -> Place | Non
     return places[-back[found]] if found < len(back) else None
 
 
-def _vanishing(rows: UnitRows, place: Place) -> Place | None:
+def _vanishing(rows: UnitRows, place: AcceleratedPoint) -> AcceleratedPoint | None:
     """The place where the least singular value vanishes along the motion from ``place``, (H48), by a secant iteration."""
     start, probe = rows.least(place), PROBE * place.scale
     if not np.isfinite(probe):
@@ -179,7 +180,7 @@ def _vanishing(rows: UnitRows, place: Place) -> Place | None:
     return found if rows.least(found) <= LOST * start else None
 
 
-def _dependent(rows: UnitRows, before: Start, found: Place) -> SingularPosition | None:
+def _dependent(rows: UnitRows, before: PhasePoint, found: AcceleratedPoint) -> SingularPosition | None:
     """The rank lost at ``found``, from left singular vectors of values that fell since ``before``; None if none did."""
     were = linalg.svdvals(rows.at(before))
     left, sizes, _ = linalg.svd(rows.at(found))
@@ -187,7 +188,7 @@ def _dependent(rows: UnitRows, before: Start, found: Place) -> SingularPosition 
     return dependent_at(rows, found, left[:, : sizes.size][:, lost]) if lost.any() else None
 
 
-def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition:
+def dependent_at(rows: UnitRows, found: PhasePoint, null: Matrix) -> SingularPosition:
     """The rows that depend on others at ``found``; ``null`` (m + p, d): left singular vectors of vanished values."""
     pivots = linalg.qr(null.T, mode="r", pivoting=True)[1][: null.shape[1]]
     s, out = rows.dynamics.structure, redundant_rows(rows.dynamics)
@@ -196,13 +197,16 @@ def dependent_at(rows: UnitRows, found: Start, null: Matrix) -> SingularPosition
     return SingularPosition(found.t, len(kept), len(kept) - len(dependent), dependent)
 
 
-def places_of(t: Matrix, q: Matrix, v: Matrix) -> list[Place]:
+def places_of(t: Matrix, q: Matrix, v: Matrix) -> list[AcceleratedPoint]:
     """Ends of steps in the rows ``t`` (k, 1), ``q`` and ``v`` (k, n) of a run, with v' by differences."""
     h = np.diff(t[:, 0])
-    return [Place(float(t[i + 1, 0]), q[i + 1], v[i + 1], (v[i + 1] - v[i]) / h[i]) for i in np.flatnonzero(h).tolist()]
+    return [
+        AcceleratedPoint(float(t[i + 1, 0]), q[i + 1], v[i + 1], (v[i + 1] - v[i]) / h[i])
+        for i in np.flatnonzero(h).tolist()
+    ]
 
 
-def cause_of(engine: Engine, failure: Failure, places: list[Place]) -> SingularPosition | Failure:
+def cause_of(engine: Engine, failure: Failure, places: list[AcceleratedPoint]) -> SingularPosition | Failure:
     """The singular position that caused the ``failure`` of a run through ``places``, or the failure itself."""
     if failure.status not in MAY_BE_SINGULAR or not places:
         return failure

@@ -19,7 +19,7 @@ from hhtbench.solution.request import ADDS_UP, Request, StepPlan, check_output_t
 from hhtbench.solution.result import Solution, Status
 from hhtbench.solution.times import unresolved
 from solvers._ending import OwnMultipliers, empty_solution, solution_of, unrecovered
-from solvers._start import Failure, Guesses, Place
+from solvers._start import Failure, Guesses, PhasePoint
 from solvers.hht.control.plan import ByError, Plan, Prescribed
 from solvers.hht.control.tolerances import components, make_tolerances
 from solvers.hht.run import engine_pool
@@ -55,7 +55,14 @@ class Integration:
     history: History
 
     def __init__(
-        self, solver: Any, request: Request, steps: StepPlan | None, t1: float, place: Place, guesses: Guesses, clock: Clock
+        self,
+        solver: Any,
+        request: Request,
+        steps: StepPlan | None,
+        t1: float,
+        place: PhasePoint,
+        guesses: Guesses,
+        clock: Clock,
     ) -> None:
         """Prepare the run; ``steps`` are those that ``request`` prescribes, None for error control."""
         self.solver, self.request, self.steps, self.t1 = solver, request, steps, t1
@@ -125,7 +132,7 @@ class Integration:
             return {}
         t, q, v = (x[-1] for x in self.history.last(1))
         h = float(self.stepper.engine.loops.section(mem.ATTEMPT)[mem.H_TRIED])
-        place, (of_q, of_v) = Place(float(t[0]), q.copy(), v.copy()), np.split(self.history.sizes(), 2)
+        place, (of_q, of_v) = PhasePoint(float(t[0]), q.copy(), v.copy()), np.split(self.history.sizes(), 2)
         by_error, rate = self.stepper.plan.by_error, float(of_v.max() / max(of_q.max(), TINY))
         known = {"finest": 0.0 if by_error is None else by_error.tolerances.finest, "rate": rate}
         return {"diagnosis_of": partial(diagnosed, self.solver.system, self.solver.options, end.status, place, h, **known)}

@@ -14,7 +14,7 @@ from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.counting import Work
 from solvers._initcond import consistent_start, start_acceleration
 from solvers._projection import Projection, closest
-from solvers._start import Failure, Guesses, Place, dynamics_for, tried_twice
+from solvers._start import Failure, Guesses, PhasePoint, dynamics_for, tried_twice
 from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
 from solvers.hht.run import engine_pool
@@ -34,7 +34,7 @@ class Started(NamedTuple):
     applied: Vector  #: M^-1 F (n,) there under error control, for default tolerances; else (0,)
 
 
-def start_values(t0: Any, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any) -> tuple[Place, Guesses]:
+def start_values(t0: Any, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any) -> tuple[PhasePoint, Guesses]:
     """Check the caller's start and copy it to arrays.
 
     Raises
@@ -48,13 +48,13 @@ def start_values(t0: Any, q0: Any, v0: Any, lam_guess: Any, mu_guess: Any) -> tu
     v = real_vector("v0", v0, q.size)
     lam = None if lam_guess is None else real_vector("lam_guess", lam_guess)
     mu = None if mu_guess is None else real_vector("mu_guess", mu_guess)
-    return Place(t, q, v), (lam, mu)
+    return PhasePoint(t, q, v), (lam, mu)
 
 
 def begin(
     system: System | NumpySystem,
     options: HHTOptions,
-    place: Place,
+    place: PhasePoint,
     guesses: Guesses,
     h: float,
     work: Work,
@@ -106,7 +106,7 @@ def begin(
 def make_engine(
     system: System | NumpySystem,
     options: HHTOptions,
-    place: Place,
+    place: PhasePoint,
     work: Work,
     *,
     controlled: bool = False,
@@ -119,7 +119,7 @@ def make_engine(
     return Engine(dynamics, place, work, options, controlled=controlled)
 
 
-def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | None, h: float) -> State | Failure:
+def first_state(engine: Engine, place: PhasePoint, lam: Vector | None, mu: Vector | None, h: float) -> State | Failure:
     """The state before the first step of signed length ``h`` [s]; the start must be consistent.
 
     Without constraints neither multipliers nor KKT matrix are computed.
@@ -162,7 +162,7 @@ def first_state(engine: Engine, place: Place, lam: Vector | None, mu: Vector | N
     )
 
 
-def corrected_velocity(engine: Engine, place: Place, found: Any, h: float) -> Vector:
+def corrected_velocity(engine: Engine, place: PhasePoint, found: Any, h: float) -> Vector:
     """v0 (n,) with the normal part that index-3 steps of length ``h`` [s] produce, (H44)."""
     t, q, v, c, projection = place.t, place.q, place.v, engine.method.coefficients, Projection(engine.dynamics)
     jerk = (engine.near(t + h, q + h * v, v + h * found.vdot, found) - found.vdot) / h

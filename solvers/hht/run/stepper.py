@@ -15,7 +15,7 @@ from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._initcond import project
 from solvers._projection import PROJECTED, sizes_from
-from solvers._start import CORRECT, Failure, Place, budget_failure, of_dynamics, violations
+from solvers._start import CORRECT, Failure, PhasePoint, budget_failure, of_dynamics, violations
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.formulas import SHORT
 from solvers.hht.equations.interpolant import HermiteOutput
@@ -29,10 +29,10 @@ from solvers.hht.run.start import first_state
 from solvers.hht.step.state import State
 from solvers.kernel import memory as mem
 
-CUTS = 20  # of one step: each finds an earlier event than the last
+CUTS = 20  # times that one step is shortened: each finds an earlier event than the last
 JUMP = "look for a jump in the forces, or a wrong derivative"
 RESIDUAL = "the step's residual"  # named in messages where each function by itself is finite
-PILED_UP = "end the run earlier by a terminal event at low height and speed, and continue with a constraint instead."
+PILED_UP = "end the run earlier by terminal=N, the number of an occurrence, and continue with a constraint instead."
 MAX_CHANGES_AT_ONCE = 100  # state changes by one event at one time, as between bodies that collide together
 
 
@@ -79,7 +79,7 @@ class Stepper:
             return self._advance(state, watch, stop, rows, stop if horizon is None else horizon)
         except BudgetSpent as spent:
             return Accepted(state, watch, ended=budget_failure(spent, state.t))
-        except NonFiniteValue as error:  # of an event function, or where a first step is chosen
+        except NonFiniteValue as error:  # raised by an event function, or where a first step is chosen
             text = f"{error}, in the step from t = {exact(state.t)}"
             return Accepted(state, watch, ended=Failure(Status.nonfinite_callback, text))
 
@@ -156,10 +156,10 @@ class Stepper:
         """
         changing = [(i, event) for i, event in enumerate(self.events) if sides[i]]
         where = f"after the change by event {', '.join(repr(event.name) for _, event in changing)} at t = {exact(state.t)}"
-        engine, place = self.engine, Place(state.t, state.q, state.v)
+        engine, place = self.engine, PhasePoint(state.t, state.q, state.v)
         try:
             for i, event in changing:
-                made: Any = Place(state.t, *changed_by(event, state.t, place.q, place.v))
+                made: Any = PhasePoint(state.t, *changed_by(event, state.t, place.q, place.v))
                 if engine.structure.constrained:
                     made = project(engine.dynamics, made, engine.work)
                 if isinstance(made, Failure):
@@ -311,7 +311,7 @@ def off_at_start(engine: Engine, state: State) -> Failure | None:
     """Failure if ``state`` is a start whose constraint violation exceeds what the tolerances allow; else None."""
     if state.h is not None or not engine.structure.constrained:
         return None
-    levels, place = of_dynamics(engine.dynamics).levels, Place(state.t, state.q, state.v)
+    levels, place = of_dynamics(engine.dynamics).levels, PhasePoint(state.t, state.q, state.v)
     text = violations(levels.at(state.t, state.q, state.v), place, PROJECTED)
     if not text:
         return None

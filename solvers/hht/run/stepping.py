@@ -13,7 +13,7 @@ from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
-from solvers._start import Failure, Place
+from solvers._start import Failure, PhasePoint
 from solvers.hht.control.controller import ControlOptions
 from solvers.hht.control.plan import ByError, Constant, Plan
 from solvers.hht.control.tolerances import Tolerances
@@ -40,7 +40,7 @@ HORIZON = 1.0  # [s] bound on the first step where neither t nor tstop is given
 class IntegratorState:
     """State of stepping by hand: all that the next step depends on."""
 
-    place: Place  #: initial point; selects the engine
+    place: PhasePoint  #: initial point; selects the engine
     state: State
     step: float | None  #: constant signed step [s]; None: error control
     tolerances: Tolerances | None  #: under error control
@@ -64,7 +64,9 @@ class Goal:
     ahead: float  #: direction of time, 1 or -1
 
 
-def begun(place: Place, state: State, step: float | None, tolerances: Tolerances | None, events: int) -> IntegratorState:
+def begun(
+    place: PhasePoint, state: State, step: float | None, tolerances: Tolerances | None, events: int
+) -> IntegratorState:
     """The integrator state before the first step."""
     return IntegratorState(
         place=place,
@@ -193,7 +195,7 @@ class Onward:
         self._number, self._all = engine.loops.section(mem.NUMBER), (z.w, z.i)
         self._starts = [
             tuple(array.copy() for array in self._all) for _ in range(2)
-        ]  # of the last two steps, by their number
+        ]  # copies of the memory before the last two steps
         engine.loops.ready(controlled=plan.by_error is not None, fallback=engine.fallible)
 
     def goes_on(self, integrator: IntegratorState) -> bool:

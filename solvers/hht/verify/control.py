@@ -20,7 +20,7 @@ SHARE = 0.9  # share of runs that must be so near
 SLOPE = 0.2  # largest deviation of the slope of error over tolerance from 1
 REJECTED = 0.15  # largest share of rejected steps
 MAX_SECONDS = 60.0  # of one solve [s]
-Runs = list[Run]  # of one problem, one for each tolerance
+Runs = list[Run]  # runs on one problem, one for each tolerance
 
 
 def verify_control(progress: Progress | None = None, jobs: int = 1) -> Evidence:

@@ -32,9 +32,9 @@ MAX_CHECKED = 200  # ends of steps that are checked
 class Output(NamedTuple):
     """Largest scaled violations of either level in one run, and the effect of projection on the error."""
 
-    rows: float  #: of rows between steps, and at events
+    rows: float  #: largest violation at rows between steps, and at events
     steps: float  #: at the ends of steps, which are not projected
-    interpolated: float  #: of the dense output at the same output times
+    interpolated: float  #: largest violation of the dense output at the same times
     growth: float | None  #: relative change of the error by projecting rows; None where it is roundoff
 
 

@@ -37,13 +37,13 @@ from solvers.hht.verify.study import (
     verify,
 )
 
-MARGIN = 0.05  # of observed orders
+MARGIN = 0.05  # tolerated deviation of observed orders
 STAGE_MARGIN = 0.1  # of the observed order of stage multipliers
 LOST = 0.3  # margin within which an observed order counts as one
 SEED = 20070101  # of the random step pattern; any other seed gives second order too
 PATTERN = 8  # steps in one period of the random pattern
 HELD = 1e-12  # scaled violation that counts as roundoff
-LOCAL_MARGIN = 0.1  # of local orders: the step cannot be as small as in a global order before roundoff
+LOCAL_MARGIN = 0.1  # tolerated deviation of local orders: before roundoff the step cannot be as small as for a global order
 
 
 def verify_paper(progress: Progress | None = None, jobs: int = 1) -> Evidence:

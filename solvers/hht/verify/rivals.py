@@ -36,7 +36,7 @@ BEGIN_WELL = ("hht", "ggl", "extended", "index3 corrected", "rattle")
 BEGIN_BADLY = ("ggl from v'", "index3", "index3 from v'", "hht_i3")
 QUANTITIES = ("q", "v", "lam")
 Names = tuple[str, ...]
-MARGIN = 0.1  # of observed orders
+MARGIN = 0.1  # tolerated deviation of observed orders
 ROUNDOFF = 1e-12  # scaled violation of a level that a method satisfies
 SOME = 5  # first or last steps of which the largest error counts, as errors of multipliers may alternate
 
