@@ -18,7 +18,8 @@ from hhtbench.lowering.compile.loops import FloatArray, IntArray
 HIGHEST = 5  #: number of earlier steps whose unknowns are kept; a guess has at most one degree less
 GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  #: the step; a0 by the weights of a - f, of f and of a1
 HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  #: numbers of the state, of which t matters to the equations
-CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one", "bound", "matrices")  #: memory of step control
+#: memory of step control
+CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one", "bound", "matrices")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,9 +111,9 @@ X_EARLIER = floats(lambda s: HIGHEST * s.size)
 H_EARLIER = floats(lambda s: HIGHEST)  # signed lengths of these steps [s]
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: which of two it uses, or -1
 
-# What error control remembers: h_next, the last two steps, error (-1: none), whether R_k is known, the longest step that
-# Newton's iteration is trusted with, the matrices that it made in the last step; f + r before and after the last step; R_k; q
-# before the last two steps and before the last.
+# What error control remembers: h_next, the last two steps, error (-1: none), whether R_k is known, a bound on steps since
+# Newton's iteration failed, the matrices of the last step; f + r before and after the last step; R_k; q before the last two
+# steps and before the last.
 CONTROL = floats(lambda s: len(CONTROL_NUMBERS))
 BEFORE = floats(lambda s: s.n)
 ACCELERATION = floats(lambda s: s.n)

@@ -72,7 +72,7 @@ def equal_steps(z: Any, h: Any) -> Any:
 
 @compiled
 def from_unequal_steps(z: Any, h: Any, count: Any) -> Any:
-    """Extrapolate the unknowns in time from steps of different lengths, (H62); False if the last ones predict as well.
+    """Extrapolate the unknowns in time from steps of different lengths, (H46); False if the last ones predict as well.
 
     The degree, 1 or 2, is the one that would have predicted the last unknowns best from the ``count`` steps before.
     """
