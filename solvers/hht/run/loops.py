@@ -220,8 +220,8 @@ class Loops:
             record[mem.RATE], record[mem.USES], record[mem.KEPT_COST] = made.rate, made.uses, made.cost
         if memory is not None:
             error = -1.0 if memory.error is None else memory.error
-            has_reaction = memory.velocity_reaction is not None
-            numbers = memory.h_next, memory.last, error, has_reaction, memory.last_but_one, memory.bound, memory.matrices
+            has_reaction, bound = memory.velocity_reaction is not None, math.inf if memory.bound is None else memory.bound
+            numbers = memory.h_next, memory.last, error, has_reaction, memory.last_but_one, bound, memory.matrices
             self.section(mem.CONTROL)[:] = numbers
         for owner, sections in ((state, OF_STATE), (memory, OF_CONTROL)):
             for name, section in sections.items():
@@ -289,7 +289,7 @@ class KeptState(NamedTuple):
             acceleration=self.part(mem.ACCELERATION),
             velocity_reaction=self.part(mem.REACTION_K) if has_reaction else None,
             error=None if error < 0.0 else error,
-            bound=bound,
+            bound=bound if math.isfinite(bound) else None,
             matrices=matrices,
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,7 +22,7 @@ class ControlMemory:
     acceleration: Vector  #: (n,) f + r after it
     velocity_reaction: Vector | None = None  #: (n,) R_k, reaction of the velocity constraints
     error: float | None = None  #: size of the step's error over its tolerance, (H26)
-    bound: float = math.inf  #: longest step [s] for which Newton's iteration is expected to converge
+    bound: float | None = None  #: longest step [s] since Newton's iteration has failed
     matrices: float = 0.0  #: matrices that it made in the last step
 
 
