@@ -118,7 +118,10 @@ def missed(z: Any, h: Any) -> Any:
 
 @compiled
 def answered(z: Any, lu: Any, t1: Any, counts: Any) -> Any:
-    """Size of the error in q that remains of MISSED after the forces respond, and in v, (H59)."""
+    """Sizes of E_q and E_v of (H59), from MISSED and the response by the matrix in ``lu``.
+
+    Puts E_q into ERROR, whose v stays that of the filtered error, and the change of v into CHANGE.
+    """
     n, off, error, change = z.i[mem.N], part(z, mem.MISSED), part(z, mem.ERROR), part(z, mem.CHANGE)
     place, end, weights, answer = part(z, mem.PLACE), part(z, mem.END), part(z, mem.WEIGHTS), part(z, mem.ANSWER)
     if z.i[mem.C_ANSWER]:
