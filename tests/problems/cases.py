@@ -5,6 +5,7 @@ import math
 CHANGED = {  # every problem with parameters, without a change of its size
     "andrews": {"mom": 0.01, "c0": 100.0},
     "arevalo_circle": {"c": 0.6},
+    "ball_mill": {"mount_k": 2e4, "mount_c": 50.0, "k": 1e6, "c": 0.1, "mu": 0.5, "push": 700.0, "Om": 60.0},
     "band_track": {"k": 1e6, "c": 1e3, "turning_k": 50.0, "loss": 0.1, "mu": 0.5, "Om": 6.0, "brake": 2.0},
     "bead_chain": {"w": 0.0, "m": 2.0},
     "bead_on_rotating_rod": {"m": 0.5, "Om": 2.0, "r0": 0.2, "u0": 1.5},

@@ -67,6 +67,8 @@ WRONG = [
     ("arevalo_circle", {"c": 0.0}, r"c must be above 0 \[1\]; got 0"),
     ("arevalo_circle", {"t_end": 1.0}, r"t_end must be above t_start = 1 \[1\]; got 1"),
     ("arevalo_circle", {"t_start": -1.0}, r"t_start must be at least 0 \[1\]; got -1"),
+    ("ball_mill", {"n_balls": 6}, r"n_balls must be at least 1 and at most 5.*got 6"),
+    ("ball_mill", {"mu": -0.1}, r"mu must be at least 0 \[1\]; got -0.1"),
     ("band_track", {"n_wrap": 2}, r"n_wrap must be at least 3, for a band around a wheel; got 2"),
     ("band_track", {"creep": 0.0}, r"creep must be above 0 \[m/s\]; got 0"),
     ("bead_chain", {"n_beads": -1}, r"n_beads must be at least 1; got -1"),

@@ -15,6 +15,7 @@ PLAN = load_plan(_common.REFERENCES / "plan.toml")
 ENOUGH = {"q": 1e-11, "v": 1e-11, "lam": 1e-9, "mu": 1e-9}  # largest scaled bars at the stated times
 FEWER = {  # entries whose note says why they have fewer digits: what they must hold all the same
     "andrews": {"v": 3e-11},
+    "ball_mill": {"q": 2e-10, "v": 2e-10},
     "band_track": {"q": 5e-10, "v": 5e-9, "lam": 2e-8},
     "bushing_chain_c3e3": {"v": 1e-10},
     "bushing_chain_c3e6": {"q": 5e-9, "v": 2e-8},
