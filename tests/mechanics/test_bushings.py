@@ -48,7 +48,9 @@ def forces_and_moments(q, force):
 
 def test_planar_bushings_push_and_turn_as_vector_mechanics_says():
     q, v = state_in_plane()
-    (found,) = values([lambda q, v: forces.force_of(in_plane, forces.spring_damper(K3, C3, 0.0), q, v)], q, v)
+    law = forces.spring_damper(K3, C3, 0.0)
+    found, offsets = values((lambda q, v: forces.force_of(in_plane, law, q, v), lambda q, v: in_plane(q)), q, v)
+    np.testing.assert_allclose(offsets[:, 2], [-1.3 - 0.7, 0.7])  # of the second to the first
     bodies, speeds = (np.vstack([np.asarray(x).reshape(2, 3), np.zeros(3)]) for x in (q, v))
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     expected = np.zeros((3, 3))
