@@ -106,7 +106,7 @@ def friction_force(
     """Generalised force (n,) of friction between bodies ``first`` (j,) and ``second`` at their contacts.
 
     ``frame`` is the module ``plane`` or ``space`` that ``q`` is laid out by.  One body serves all contacts.  ``push`` (j,)
-    [N] is the normal force, ``law`` the coefficient and the creep of :func:`friction`, which acts at ``contact.point`` on both.
+    [N] is the normal force, ``law`` the coefficient and the creep of :func:`friction`, at ``contact.point`` on both.
     """
     at = frame.placed_with_ground(q)
     first, second = (jnp.broadcast_to(body, push.shape) for body in expect_pairs(first, second, len(at.x)))
