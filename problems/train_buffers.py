@@ -8,7 +8,7 @@ Source: contact of Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445, in buffe
               gap of buffers d_i = room_i + x_(i+1) - x_i,  room_1 = run, else slack / 2
               gap of hooks       e_i = slack - d_i
 
-A buffer pushes with ``N(d)`` where d < 0, a hook pulls with ``N(e)`` where d > slack; both are ``k s^exponent (1 + 1.5 c s')``
+A buffer pushes with ``N(d)`` where d < 0, a hook pulls with ``N(e)`` where d > slack; both ``k s^exponent (1 + 1.5 c s')``
 of the smooth depth s of ``hhtbench.mechanics.contact``.  The first wagon rolls at ``speed``, the others stand.  Momentum
 is kept; energy falls by what buffers and hooks lose.  No closed solution.  SI units.
 """
