@@ -5,9 +5,31 @@ import math
 CHANGED = {  # every problem with parameters, without a change of its size
     "andrews": {"mom": 0.01, "c0": 100.0},
     "arevalo_circle": {"c": 0.6},
+    "ball_mill": {"mount_k": 2e4, "mount_c": 50.0, "k": 1e6, "c": 0.1, "mu": 0.5, "push": 700.0, "Om": 60.0},
+    "band_track": {"k": 1e6, "c": 1e3, "turning_k": 50.0, "loss": 0.1, "mu": 0.5, "Om": 6.0, "brake": 2.0},
     "bead_chain": {"w": 0.0, "m": 2.0},
     "bead_on_rotating_rod": {"m": 0.5, "Om": 2.0, "r0": 0.2, "u0": 1.5},
     "bricard": {"m": 3.0, "L": 0.4, "a": 0.02, "g": -1.0},
+    "bushing_chain": {
+        "m": 2.0,
+        "J": 0.01,
+        "length": 0.3,
+        "k": 1e4,
+        "c": 10.0,
+        "turning_k": 20.0,
+        "turning_c": 0.3,
+        "g": 4.0,
+    },
+    "cam_follower": {
+        "ecc": 0.03,
+        "backlash": 1e-3,
+        "Om": 20.0,
+        "spring_k": 900.0,
+        "k": 1e6,
+        "c": 0.2,
+        "mu": 0.3,
+        "creep": 0.1,
+    },
     "car_axis": {"L": 1.3, "L0": 0.7, "eps": 0.1, "M": 4.0, "grav": 9.81, "r": 0.2, "w": 3.0},
     "chaplygin_sleigh": {"m": 2.0, "I": 0.3, "a": 0.4, "u0": -0.7, "w0": 1.1},
     "clamped_bar_impact": {"EA": 3.0, "mass": 2.0, "length": 1.5, "speed": 0.4},
@@ -34,10 +56,13 @@ CHANGED = {  # every problem with parameters, without a change of its size
     "slider_crank_flexible": {"E": 1e10, "M3": 0.2, "Om": 40.0},
     "stiff_spring_pendulum": {"stiffness": 50.0, "m1": 2.0, "m2": 3.0, "l1": 0.5, "l2": 0.7, "g": 4.0},
     "sundials_slider_crank": {"a": 0.3, "J1": 2.0, "m2": 0.5, "J2": 1.0, "k": 4.0, "c": 0.2, "l0": 0.4, "F": -1.0},
+    "train_buffers": {"m": 2e4, "k": 1e7, "c": 0.1, "exponent": 2.0, "slack": 0.1, "run": 0.01, "speed": 2.0},
 }
 FURTHER = [  # other sizes, limits and singular choices
     ("arevalo_circle", {"c": 0.6, "t_start": 0.0, "t_end": 4.0}),
+    ("band_track", {"n_wrap": 3, "n_free": 1, "turning_k": 0.0}),
     ("bead_chain", {"n_beads": 3, "m": 2.0, "L": 1.5, "g": 4.0, "w": -0.7}),
+    ("bushing_chain", CHANGED["bushing_chain"] | {"n_bars": 3}),
     ("clamped_bar_impact", CHANGED["clamped_bar_impact"] | {"n_elements": 3}),
     ("fekete", {"n_points": 7}),
     ("four_bars", {"n_windows": 3, "m": 2.0, "l": 0.5, "g": 4.0, "speed": 0.8}),
@@ -47,5 +72,6 @@ FURTHER = [  # other sizes, limits and singular choices
     ("rolling_disk3d_steady", {"j0": 0.0}),
     ("rolling_disk3d_steady", {"m": 2.0, "R": 0.3, "g": 4.0, "theta": 0.5, "Om": 5.0, "j0": 0.3}),
     ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"] | {"stiffness": math.inf}),
+    ("train_buffers", CHANGED["train_buffers"] | {"n_wagons": 4}),
 ]
 RANKS = {"heavy_top": 4, "rolling_sphere_table": 3, "bricard": 34, "flyball_governor": 24}  # of the rows of spatial ones
