@@ -133,7 +133,10 @@ def watched(setting: Setting, s: Solution) -> None:
     same = np.array_equal(other.q, s.q) and np.array_equal(other.v, s.v)
     expect(same, f"a recorded event changes the run: {other.t.size} rows of {s.t.size}")
     size, rows = setting.judge.sizes[0], s.q[:, 0] - level
-    signs, values = np.sign(rows[np.abs(rows) > 1e-12 * size]), np.abs(other.q_events[0][:, 0] - level)  # not those of roundoff
+    signs, values = (
+        np.sign(rows[np.abs(rows) > 1e-12 * size]),
+        np.abs(other.q_events[0][:, 0] - level),
+    )  # not those of roundoff
     changes, off = int(np.sum(signs[1:] * signs[:-1] < 0)), values.max(initial=0.0)
     seen = values.size >= changes and off <= 1e-2 * size
     expect(seen, f"{values.size} events for {changes} changes of sign, off by {off:.1e}")
