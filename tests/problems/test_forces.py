@@ -28,6 +28,9 @@ LAGRANGE = [  # undamped; quaternions without norm inertia, which the energy doe
     ("flyball_governor", {"C": 0.0}),
     ("planar_chain", {"n_links": 4, "m": 2.0, "L": 3.0, "g": 5.0}),
     ("bead_chain", {"n_beads": 3, "m": 2.0, "L": 1.5, "g": 4.0, "w": -0.7}),
+    ("cable_pendulum", {"n_elements": 3, "damping": 0.0}),
+    ("cable_pendulum", {"n_elements": 2, "dimension": 3, "damping": 0.0}),
+    ("falling_net", {"n_side": 3, "damping": 0.0}),
     ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"]),
     ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"] | {"stiffness": math.inf}),
     ("slider_crank_equal_lengths", CHANGED["slider_crank_equal_lengths"]),
@@ -95,7 +98,11 @@ POWER = [
             "stiff_spring_pendulum",
         )
     ),
-    *(case for case in FURTHER if case[0] in ("planar_chain", "bead_chain", "four_bars")),
+    *(
+        case
+        for case in FURTHER
+        if case[0] in ("planar_chain", "bead_chain", "four_bars", "cable_pendulum", "falling_net", "mooring_line")
+    ),
     ("arevalo_circle", {"c": 0.6, "t_start": 0.0, "t_end": 4.0}),
     ("fekete", {"n_points": 5, "damping": 0.1}),
 ]

@@ -15,6 +15,9 @@ PLAN = load_plan(_common.REFERENCES / "plan.toml")
 ENOUGH = {"q": 1e-11, "v": 1e-11, "lam": 1e-9, "mu": 1e-9}  # largest scaled bars at the stated times
 FEWER = {  # entries whose note says why they have fewer digits: what they must hold all the same
     "andrews": {"v": 3e-11},
+    "cable_pendulum_2d": {"v": 3e-10},
+    "cable_pendulum_3d": {"v": 3e-10},
+    "falling_net": {"v": 1e-10},
     "flyball_governor": {"q": 5e-8, "v": 5e-8, "lam": 2e-8},
     "heavy_top": {"q": 2e-11, "v": 2e-11},
     "hf_linear_constrained_k1e8": {"v": 5e-11},
