@@ -67,6 +67,10 @@ WRONG = [
     ("arevalo_circle", {"c": 0.0}, r"c must be above 0 \[1\]; got 0"),
     ("arevalo_circle", {"t_end": 1.0}, r"t_end must be above t_start = 1 \[1\]; got 1"),
     ("arevalo_circle", {"t_start": -1.0}, r"t_start must be at least 0 \[1\]; got -1"),
+    ("ball_mill", {"n_balls": 6}, r"n_balls must be at least 1 and at most 5.*got 6"),
+    ("ball_mill", {"mu": -0.1}, r"mu must be at least 0 \[1\]; got -0.1"),
+    ("band_track", {"n_wrap": 2}, r"n_wrap must be at least 3, for a band around a wheel; got 2"),
+    ("band_track", {"creep": 0.0}, r"creep must be above 0 \[m/s\]; got 0"),
     ("bead_chain", {"n_beads": -1}, r"n_beads must be at least 1; got -1"),
     ("bead_chain", {"g": 0}, r"g must be above 0 \[m/s\^2\]; got 0"),
     ("bead_on_rotating_rod", {"r0": 0.0}, r"r0 must be above 0 \[m\]; got 0"),
@@ -75,6 +79,10 @@ WRONG = [
     ("bricard", {"a": 0}, r"a must be above 0 \[m\]; got 0"),
     ("cable_pendulum", {"dimension": 4}, r"dimension must be at least 2.*and at most 3.*got 4"),
     ("cable_pendulum", {"EA": 0.0}, r"EA must be above 0 \[N\]; got 0"),
+    ("bushing_chain", {"n_bars": 0}, r"n_bars must be at least 1; got 0"),
+    ("bushing_chain", {"c": -1.0}, r"c must be at least 0 \[N s/m\]; got -1"),
+    ("cam_follower", {"ecc": 0.05}, r"ecc must be above 0 and below 0.05 \[m\]; got 0.05"),
+    ("cam_follower", {"onset": 0.0}, r"onset must be above 0 \[m\]; got 0"),
     ("car_axis", {"r": 1.0}, r"r must be above 0 and below 1 \[m\]; got 1"),
     ("car_axis", {"L": 0.0}, r"L must be above 0 \[m\]; got 0"),
     ("car_axis", {"grav": -1.0}, r"grav must be at least 0 \[m/s\^2\]; got -1"),
@@ -139,6 +147,8 @@ WRONG = [
     ("stiff_spring_pendulum", {"stiffness": 0}, r"stiffness must be above 0 \[N/m\]; got 0"),
     ("sundials_slider_crank", {"a": 1.0}, r"a must be above 0 and below 1 \[m\]; got 1"),
     ("sundials_slider_crank", {"c": -1.0}, r"c must be at least 0 \[N s/m\]; got -1"),
+    ("train_buffers", {"n_wagons": 1}, r"n_wagons must be at least 2.*got 1"),
+    ("train_buffers", {"run": 0.0}, r"run must be above 0 \[m\]; got 0"),
 ]
 
 
