@@ -21,16 +21,16 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from hhtbench.mechanics import cables
-from hhtbench.mechanics.forces import force_of, spring_damper
+from hhtbench.mechanics.forces import force_of, power_lost, spring_damper
 from hhtbench.mechanics.lines import chain, outline, pin_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
@@ -77,10 +77,14 @@ class CablePendulum(System):
         """Factors (3 + 2 d,) of the strains of an element in a linear law."""
         return cables.section(axial, bending, self.length / self.n_elements, self.dimension)
 
+    @property
+    def law(self) -> Callable[[Array, Array], Array]:
+        """Forces and moments of an element from its strains and their rates, times the weights of the points."""
+        return spring_damper(self.section(self.EA, self.EI), self.section(self.damping, 0.0), 0.0)
+
     def force(self, t: Array, q: Array, v: Array) -> Array:
         """Applied force: weight and elements, (n,) [N, N m]."""
-        law = spring_damper(self.section(self.EA, self.EI), self.section(self.damping, 0.0), 0.0)
-        return self.weight + force_of(self.strains, law, q, v)
+        return self.weight + force_of(self.strains, self.law, q, v)
 
     def constraint(self, t: Array, q: Array) -> Array:
         """Position constraints: node 0 at the pin, (d,) [m]."""
@@ -93,8 +97,7 @@ class CablePendulum(System):
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
         """Power of the damping [W]."""
-        rates = jax.jvp(self.strains, (q,), (v,))[1]
-        return -jnp.sum(self.section(self.damping, 0.0) * rates**2)
+        return power_lost(self.strains, self.law, q, v)
 
 
 def tip(dimension: int, t: float, q: Vector, v: Vector, lam: Vector) -> Vector:

@@ -20,16 +20,16 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from hhtbench.mechanics import cables
-from hhtbench.mechanics.forces import distances, force_of
+from hhtbench.mechanics.forces import distances, force_of, power_lost
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import Problem, Scales, System, parameter
@@ -92,10 +92,15 @@ class FallingNet(System):
         first, second = pairs(self.n_side)
         return distances(points[first], points[second])
 
+    @property
+    def law(self) -> Callable[[Array, Array], Array]:
+        """Tension [N] of a cord from its length and rate."""
+        return cables.cord(self.EA / self.free, self.damping, self.free, self.width)
+
     def force(self, t: Array, q: Array, v: Array) -> Array:
         """Applied force: weight and cords, (n,) [N]."""
         weight = jnp.outer(self.masses, jnp.stack([0.0, 0.0, -self.g])).ravel()
-        return weight + force_of(self.cords, cables.cord(self.EA / self.free, self.damping, self.free, self.width), q, v)
+        return weight + force_of(self.cords, self.law, q, v)
 
     def constraint(self, t: Array, q: Array) -> Array:
         """Position constraints: corners at their places, (12,) [m]."""
@@ -109,8 +114,7 @@ class FallingNet(System):
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
         """Power of the damping of tight cords [W]."""
-        lengths, rates = jax.jvp(self.cords, (q,), (v,))
-        return -self.damping * jnp.sum(cables.taut_share(lengths - self.free, self.width) * rates**2)
+        return power_lost(self.cords, self.law, q, v)
 
 
 def load_position(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:

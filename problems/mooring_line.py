@@ -34,7 +34,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.mechanics.forces import distances, force_of, spring_damper
+from hhtbench.mechanics.forces import distances, force_of, power_lost, spring_damper
 from hhtbench.mechanics.lines import chain, outline
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
@@ -118,9 +118,8 @@ class MooringLine(System):
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
         """Power of the damping, of the water and of the ship [W]."""
-        rates = jax.jvp(self.segments, (q,), (v,))[1]
         ship = jax.jvp(self.ship, (t,), (jnp.ones_like(t),))[1]
-        return -self.springs()[1] * jnp.sum(rates**2) + self.drag(q, v).ravel() @ v - lam[3:] @ ship
+        return power_lost(self.segments, spring_damper(*self.springs()), q, v) + self.drag(q, v).ravel() @ v - lam[3:] @ ship
 
 
 def equilibrium(line: MooringLine, pull: Vector) -> Vector:

@@ -1,4 +1,4 @@
-"""Elements for the functions of a System: ``space``, ``plane``, ``forces``, ``bushings``, ``cables``, ``contact``, ``lines``.
+"""Elements for functions of a System: ``space``, ``plane``, ``forces``, ``bushings``, ``cables``, ``contact``, ``lines``.
 
 Functions on arrays, no classes: a System calls them in its own ``mass_matrix``, ``force`` and ``constraint``, for any
 number of bodies or joints at once.

@@ -24,6 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from hhtbench.mechanics.contact import depth
+
 #: points in [0, 1] and weights: Lobatto's for the axial strain, Gauss's for the curvature
 AXIAL = np.array([0.0, 0.5, 1.0]), np.array([1.0, 4.0, 1.0]) / 6
 BENDING = 0.5 + np.array([-0.5, 0.5]) / np.sqrt(3.0), np.array([0.5, 0.5])
@@ -90,30 +92,19 @@ def uniform(elements: int, vector: Any) -> Array:
     return jnp.tile(jnp.stack([vector, jnp.zeros_like(vector)]), (elements + 1, 1)).ravel()
 
 
-def taut_part(stretch: Array, width: Any) -> Array:
-    """Smooth positive part ``(s + sqrt(s^2 + width^2)) / 2`` [m] of the stretch s (j,) [m] of cords that only pull.
-
-    It differs from max(s, 0) by less than width^2 / (4 |s|), and is ``width / 2`` at s = 0.
-    """
-    return (stretch + jnp.hypot(stretch, width)) / 2
-
-
 def cord(stiffness: Any, damping: Any, free: Any, width: Any) -> Callable[[Array, Array], Array]:
-    """Return the force law ``k p(l - l0) + c p'(l - l0) l'`` [N] for ``forces.force_of``, p of :func:`taut_part`.
+    """Return the force law ``k p(l - l0) + c p'(l - l0) l'`` [N] of cords that only pull, for ``forces.force_of``.
 
-    Neither the spring k [N/m] nor the damper c [N s/m] acts on a slack cord, shorter than l0 by many ``width`` [m].
+    ``p(s) = (s + sqrt(s^2 + width^2)) / 2``.  Neither the spring k [N/m] nor the damper c [N s/m] acts on a slack cord, shorter than l0 by many ``width`` [m];
+    a tight one is a spring and damper.  p is the smooth depth of contacts, of the gap -s.
     """
 
     def law(length: Array, rate: Array) -> Array:
         stretch = length - free
-        return stiffness * taut_part(stretch, width) + damping * taut_share(stretch, width) * rate
+        share = (1 + stretch / jnp.hypot(stretch, width)) / 2
+        return stiffness * depth(-stretch, width) + damping * share * rate
 
     return law
-
-
-def taut_share(stretch: Array, width: Any) -> Array:
-    """Derivative (j,) of :func:`taut_part`: 0 for a slack cord, 1 for a tight one."""
-    return (1 + stretch / jnp.hypot(stretch, width)) / 2
 
 
 def cord_energy(length: Array, stiffness: Any, free: Any, width: Any) -> Array:
