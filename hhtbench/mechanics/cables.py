@@ -95,8 +95,8 @@ def uniform(elements: int, vector: Any) -> Array:
 def cord(stiffness: Any, damping: Any, free: Any, width: Any) -> Callable[[Array, Array], Array]:
     """Return the force law ``k p(l - l0) + c p'(l - l0) l'`` [N] of cords that only pull, for ``forces.force_of``.
 
-    ``p(s) = (s + sqrt(s^2 + width^2)) / 2``.  Neither the spring k [N/m] nor the damper c [N s/m] acts on a slack cord, shorter than l0 by many ``width`` [m];
-    a tight one is a spring and damper.  p is the smooth depth of contacts, of the gap -s.
+    ``p(s) = (s + sqrt(s^2 + width^2)) / 2`` is the smooth depth of contacts, of the gap -s.  Neither the spring k [N/m] nor
+    the damper c [N s/m] acts on a slack cord, shorter than l0 by many ``width`` [m].
     """
 
     def law(length: Array, rate: Array) -> Array:
