@@ -9,6 +9,7 @@ CHANGED = {  # every problem with parameters, without a change of its size
     "band_track": {"k": 1e6, "c": 1e3, "turning_k": 50.0, "loss": 0.1, "mu": 0.5, "Om": 6.0, "brake": 2.0},
     "bead_chain": {"w": 0.0, "m": 2.0},
     "bead_on_rotating_rod": {"m": 0.5, "Om": 2.0, "r0": 0.2, "u0": 1.5},
+    "belt_drive": {"EA": 900.0, "damping": 3.0, "stretch": 0.01, "k": 1e6, "mu": 0.4, "brake": 0.1, "Om": 3.0, "ramp": 0.1},
     "bricard": {"m": 3.0, "L": 0.4, "a": 0.02, "g": -1.0},
     "cable_pendulum": {"length": 0.6, "EA": 300.0, "EI": 0.05, "mass": 0.2, "damping": 0.3, "g": 4.0, "speed": -0.7},
     "bushing_chain": {
@@ -66,6 +67,7 @@ FURTHER = [  # other sizes, limits and singular choices
     ("band_track", {"n_wrap": 3, "n_free": 1, "turning_k": 0.0}),
     ("bead_chain", {"n_beads": 3, "m": 2.0, "L": 1.5, "g": 4.0, "w": -0.7}),
     ("cable_pendulum", CHANGED["cable_pendulum"] | {"n_elements": 3, "dimension": 3}),
+    ("belt_drive", CHANGED["belt_drive"] | {"n_elements": 8}),
     ("bushing_chain", CHANGED["bushing_chain"] | {"n_bars": 3}),
     ("clamped_bar_impact", CHANGED["clamped_bar_impact"] | {"n_elements": 3}),
     ("falling_net", CHANGED["falling_net"] | {"n_side": 3}),

@@ -116,6 +116,7 @@ POWER = [
             "four_bars",
             "bushing_chain",
             "train_buffers",
+            "belt_drive",
             "cable_pendulum",
             "falling_net",
             "mooring_line",

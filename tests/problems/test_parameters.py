@@ -76,6 +76,8 @@ WRONG = [
     ("bead_on_rotating_rod", {"r0": 0.0}, r"r0 must be above 0 \[m\]; got 0"),
     ("bead_on_rotating_rod", {"u0": -1.0}, r"u0 must be at least 0 \[m/s\]; got -1"),
     ("bead_on_rotating_rod", {"Om": 0.0}, r"Om must be at least 0.01 \[rad/s\]; got 0"),
+    ("belt_drive", {"n_elements": 7}, r"n_elements must be at least 8.*got 7"),
+    ("belt_drive", {"mu": -0.1}, r"mu must be at least 0 \[1\]; got -0.1"),
     ("bricard", {"a": 0}, r"a must be above 0 \[m\]; got 0"),
     ("cable_pendulum", {"dimension": 4}, r"dimension must be at least 2.*and at most 3.*got 4"),
     ("cable_pendulum", {"EA": 0.0}, r"EA must be above 0 \[N\]; got 0"),
