@@ -17,7 +17,6 @@ FEWER = {  # entries whose note says why they have fewer digits: what they must 
     "andrews": {"v": 3e-11},
     "cable_pendulum_2d": {"v": 3e-10},
     "cable_pendulum_3d": {"v": 3e-10},
-    "falling_net": {"v": 1e-10},
     "ball_mill": {"q": 2e-10, "v": 2e-10},
     "band_track": {"q": 5e-10, "v": 5e-9, "lam": 2e-8},
     "belt_drive": {"v": 5e-9},
