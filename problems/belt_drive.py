@@ -257,7 +257,7 @@ def problem(
     sizes = np.append(np.tile([R, R, 1.0, 1.0], n), [1.0, 1.0])
     return Problem(
         name="belt_drive",
-        system=BeltDrive(**values, length=length, n_elements=n),
+        system=BeltDrive(**values, length=jnp.asarray(length), n_elements=n),
         t_span=(0.0, t_end),
         q0=q0,
         v0=np.zeros(q0.size),

@@ -19,8 +19,8 @@ from jax import Array
 from hhtbench.mechanics import plane, space
 from hhtbench.mechanics.shapes import expect_pairs
 
-SERIES_BELOW = 0.02  #: 1 - cos(angle) below which ``angle / sin(angle)`` is a series: eight terms reach roundoff there
-SERIES = [math.factorial(n) / math.prod(range(1, 2 * n + 2, 2)) for n in range(8)]  #: n! / (2 n + 1)!!, powers of 1 - cos
+SERIES_BELOW = 0.002  #: 1 - cos(angle) below which ``angle / sin(angle)`` is a series: six terms reach roundoff there
+SERIES = [math.factorial(n) / math.prod(range(1, 2 * n + 2, 2)) for n in range(6)]  #: n! / (2 n + 1)!!, powers of 1 - cos
 
 
 def offsets_in_plane(at: plane.Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
