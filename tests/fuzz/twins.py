@@ -136,7 +136,8 @@ def watched(setting: Setting, s: Solution) -> None:
     signs, values = (
         np.sign(rows[np.abs(rows) > 1e-12 * size]),
         np.abs(other.q_events[0][:, 0] - level),
-    )  # not those of roundoff
+    moved = rows[np.abs(rows) > 1e-12 * size]  # a coordinate at rest changes its sign by roundoff
+    signs, values = np.sign(moved), np.abs(other.q_events[0][:, 0] - level)
     changes, off = int(np.sum(signs[1:] * signs[:-1] < 0)), values.max(initial=0.0)
     seen = values.size >= changes and off <= 1e-2 * size
     expect(seen, f"{values.size} events for {changes} changes of sign, off by {off:.1e}")
