@@ -133,9 +133,6 @@ def watched(setting: Setting, s: Solution) -> None:
     same = np.array_equal(other.q, s.q) and np.array_equal(other.v, s.v)
     expect(same, f"a recorded event changes the run: {other.t.size} rows of {s.t.size}")
     size, rows = setting.judge.sizes[0], s.q[:, 0] - level
-    signs, values = (
-        np.sign(rows[np.abs(rows) > 1e-12 * size]),
-        np.abs(other.q_events[0][:, 0] - level),
     moved = rows[np.abs(rows) > 1e-12 * size]  # a coordinate at rest changes its sign by roundoff
     signs, values = np.sign(moved), np.abs(other.q_events[0][:, 0] - level)
     changes, off = int(np.sum(signs[1:] * signs[:-1] < 0)), values.max(initial=0.0)
