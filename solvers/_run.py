@@ -280,7 +280,10 @@ class Run:
         return Failure(Status.time_resolution, coarse) if coarse else end
 
     def _explained(self, end: Failure, found: Any) -> Failure:
-        """``end`` with the function that returned a value that is not finite named as its cause."""
+        """Failure ``nonfinite_callback`` that names the function whose value was not finite, then the message of ``end``.
+
+        ``found`` is the error that names it, or the (t, y) where to look for it.
+        """
         if not isinstance(found, NonFiniteValue):
             t, y = found
             try:

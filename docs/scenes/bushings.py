@@ -3,12 +3,11 @@
 ``hhtbench trade docs/scenes/bushings.py:problem --accuracy 1e-2,1e-3`` compares solvers on it.
 """
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
 import hhtbench as hb
-from hhtbench.mechanics import forces, plane
+from hhtbench.mechanics import bushings, forces, plane
 
 SCALES = hb.Scales(q=1.0, v=1.0)  # [m, m/s]
 
@@ -31,29 +30,29 @@ class Bushings(hb.System):
     def mass_matrix(self, t, q):
         return plane.mass_of_bodies(*self.masses())
 
-    def gaps(self, q):  # (2 bars,): where a bar starts less where the one before ends
+    def offsets(self, q):  # (bars, 3): from where the bar before ends to where a bar starts, and the angle between them
         bars = np.arange(self.bars)
         half = jnp.stack([self.length / 2, 0.0])
         before = jnp.where((bars == 0)[:, None], 0.0, half)
-        at = plane.placed_with_ground(q)
-        return plane.revolute_rows(at, first=bars, second=bars - 1, a=-half * jnp.ones((self.bars, 1)), b=before)
+        return bushings.offsets_in_plane(plane.placed_with_ground(q), bars - 1, bars, a=before, b=-half[None])
 
-    def bends(self, q):  # (bars,): angles between bars, the first to the ground
-        return jnp.diff(q[2::3], prepend=0.0)
+    def stiffnesses(self):  # against x, y and turning
+        return jnp.stack([self.stiffness, self.stiffness, self.turning_stiffness])
+
+    def law(self):
+        damping = jnp.stack([self.damping, self.damping, self.turning_damping])
+        return forces.spring_damper(self.stiffnesses(), damping, 0.0)
 
     def force(self, t, q, v):
         weight = plane.weight_of_bodies(self.masses()[0], jnp.array([0.0, -9.81]))
-        pull = forces.force_of(self.gaps, forces.spring_damper(self.stiffness, self.damping, 0.0), q, v)
-        bend = forces.force_of(self.bends, forces.spring_damper(self.turning_stiffness, self.turning_damping, 0.0), q, v)
-        return weight + pull + bend
+        return weight + forces.force_of(self.offsets, self.law(), q, v)
 
     def energy(self, t, q, v):
-        springs = self.stiffness * jnp.sum(self.gaps(q) ** 2) + self.turning_stiffness * jnp.sum(self.bends(q) ** 2)
-        return plane.energy_of_bodies(q, v, *self.masses(), jnp.array([0.0, -9.81])) + springs / 2
+        springs = jnp.sum(self.stiffnesses() * self.offsets(q) ** 2) / 2
+        return plane.energy_of_bodies(q, v, *self.masses(), jnp.array([0.0, -9.81])) + springs
 
     def power(self, t, q, v, lam, mu):  # of the dampers
-        (gaps, bends) = (jax.jvp(measure, (q,), (v,))[1] for measure in (self.gaps, self.bends))
-        return -self.damping * gaps @ gaps - self.turning_damping * bends @ bends
+        return forces.power_lost(self.offsets, self.law(), q, v)
 
 
 def problem(bars: int = 3, stiffness: float = 1e9, damping: float = 1e6) -> hb.Problem:

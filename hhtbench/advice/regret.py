@@ -68,8 +68,10 @@ def judge(database: Database, asked: Callable[[float], Criteria], same: Callable
 
 
 def _ratios(scene: Scene, criteria: Criteria, budget: float) -> Matrix:
-    """Log cost over the best, (entries, accuracies); the budget where a solver does not reach an error, NaN where none
-    does.
+    """Logarithm of the cost over the best cost, (entries, accuracies).
+
+    Where an entry does not reach the accuracy it is that of the budget over the shortest time, at least 0; NaN where no
+    entry does.
     """
     costs, times = scene.costs[key_of(criteria)], scene.costs["time", key_of(criteria)[1]]
     best, fastest = costs.min(axis=0), times.min(axis=0)

@@ -62,8 +62,9 @@ class SourceReader:
         return {**found, "python": ".".join(platform.python_version_tuple()[:2])}
 
     def _followed(self, start: _Module) -> dict[str, str]:
-        """Return the hashes of ``start``, its data files and all it imports, directly or not, and the names of its
-        libraries.
+        """Return hashes by name of ``start``, its data files and all modules that it imports, directly or not.
+
+        A library has the entry "library NAME" with an empty text. The result is remembered.
         """
         if start not in self._behind:
             self._behind[start] = self._follow(start)

@@ -237,7 +237,11 @@ class _Search:
         return [(middle, high, of_middle, of_high), (low, middle, of_low, of_middle)] if low.size else []
 
     def declined(self, at: Vector, before: Vector, after: Vector) -> str:
-        """Return why the motion across one of the jumps is not determined, or ""."""
+        """Return why the motion across one of the jumps is not determined or not resolved, or "".
+
+        Takes the times (k,) [s] of the jumps, and the last before and the first after each; k > 0. Only a jump of g_t, with
+        a reaction that is linear in lam and free of v, determines the motion after it.
+        """
         for t, *sides in zip(at, before, after, strict=True):
             left, right = self._at(np.array(sides))
             for kind in ("g_q", "k_v", "k", "g"):

@@ -112,7 +112,7 @@ def _shown(value: Any) -> str:
 
 
 def _undeclared(system: System | NumpySystem) -> list[Statement]:
-    """Statements that follow from what is not declared."""
+    """Statements of what is not computed since constraints, mass matrix, energy or invariants are not declared."""
     absent = {name: declared(system, name) is None for name in PHYSICS}
     rows = []
     if absent["constraint"]:

@@ -26,9 +26,20 @@ def spring_damper(stiffness: Any, damping: Any, free: Any) -> Callable[[Array, A
 
 def force_of(measure: Callable[[Array], Array], law: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
     """Generalised force (n,) of j elements with lengths or angles ``measure(q)`` (j,) and tensions ``law(l, l')`` (j,)."""
-    value, pull = jax.vjp(measure, q)
-    _, rate = jax.jvp(measure, (q,), (v,))
-    return -pull(law(value, rate))[0]
+    _, pull = jax.vjp(measure, q)
+    return -pull(law(*rates(measure, q, v)))[0]
+
+
+def rates(measure: Callable[[Array], Array], q: Array, v: Array) -> tuple[Array, Array]:
+    """Return ``measure(q)`` (j,) and its rate of change (j,) with the velocities ``v``."""
+    value, rate = jax.jvp(measure, (q,), (v,))
+    return value, rate
+
+
+def power_lost(measure: Callable[[Array], Array], law: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
+    """Power [W], at most 0, that the rate-dependent part ``s(l, l') - s(l, 0)`` of a law takes from the energy."""
+    value, rate = rates(measure, q, v)
+    return -jnp.sum((law(value, rate) - law(value, jnp.zeros_like(rate))) * rate)
 
 
 def force_at(points: Callable[[Array], Array], force: Any, q: Array) -> Array:

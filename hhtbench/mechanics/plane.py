@@ -48,6 +48,12 @@ def points_on(at: Placement, body: Any, local: Any, name: str = "local") -> Arra
     return at.x[body] + turned(at.angle[body], expect_rows(name, local, body, 2))
 
 
+def in_frame(at: Placement, body: Any, vector: Any) -> Array:
+    """Components (j, 2) in the frames of the bodies numbered ``body`` (j,) of ``vector`` (j, 2) in the plane."""
+    body = expect_bodies("body", body, len(at.x))
+    return turned(-at.angle[body], expect_rows("vector", vector, body, 2))
+
+
 def revolute_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
     """Residuals (2 j,) [m] of revolute joints: points ``a`` (j, 2) of bodies ``first`` minus points ``b`` of ``second``."""
     first, second = expect_pairs(first, second, len(at.x))

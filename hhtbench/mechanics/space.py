@@ -154,6 +154,12 @@ def points_on(at: Placement, body: Any, local: Any, name: str = "local") -> Arra
     return at.x[body] + jnp.einsum("jab,jb->ja", at.R[body], expect_rows(name, local, body, 3))
 
 
+def in_frame(at: Placement, body: Any, vector: Any) -> Array:
+    """Components (j, 3) in the frames of the bodies numbered ``body`` (j,) of ``vector`` (j, 3) in space."""
+    body = expect_bodies("body", body, len(at.x))
+    return jnp.einsum("jba,jb->ja", at.R[body], expect_rows("vector", vector, body, 3))
+
+
 def spherical_rows(at: Placement, first: Any, second: Any, a: Any, b: Any) -> Array:
     """Residuals (3 j,) [m] of spherical joints: points ``a`` (j, 3) of bodies ``first`` minus points ``b`` of ``second``."""
     first, second = expect_pairs(first, second, len(at.x))

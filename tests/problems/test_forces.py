@@ -27,7 +27,18 @@ LAGRANGE = [  # undamped; quaternions without norm inertia, which the energy doe
     ("bricard", {}),
     ("flyball_governor", {"C": 0.0}),
     ("planar_chain", {"n_links": 4, "m": 2.0, "L": 3.0, "g": 5.0}),
+    ("bushing_chain", CHANGED["bushing_chain"] | {"n_bars": 3, "c": 0.0, "turning_c": 0.0}),
+    (
+        "band_track",
+        {"n_wrap": 3, "n_free": 1, "c": 0.0, "turning_c": 0.0, "loss": 0.0, "mu": 0.0, "motor": 0.0, "brake": 0.0},
+    ),
+    ("ball_mill", {"n_balls": 2, "mount_c": 0.0, "c": 0.0, "mu": 0.0, "push": 0.0}),
+    ("cam_follower", CHANGED["cam_follower"] | {"c": 0.0, "mu": 0.0}),
+    ("train_buffers", {"c": 0.0}),
     ("bead_chain", {"n_beads": 3, "m": 2.0, "L": 1.5, "g": 4.0, "w": -0.7}),
+    ("cable_pendulum", {"n_elements": 3, "damping": 0.0}),
+    ("cable_pendulum", {"n_elements": 2, "dimension": 3, "damping": 0.0}),
+    ("falling_net", {"n_side": 3, "damping": 0.0}),
     ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"]),
     ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"] | {"stiffness": math.inf}),
     ("slider_crank_equal_lengths", CHANGED["slider_crank_equal_lengths"]),
@@ -95,7 +106,25 @@ POWER = [
             "stiff_spring_pendulum",
         )
     ),
-    *(case for case in FURTHER if case[0] in ("planar_chain", "bead_chain", "four_bars")),
+    *(
+        case
+        for case in FURTHER
+        if case[0]
+        in (
+            "planar_chain",
+            "bead_chain",
+            "four_bars",
+            "bushing_chain",
+            "train_buffers",
+            "belt_drive",
+            "cable_pendulum",
+            "falling_net",
+            "mooring_line",
+        )
+    ),
+    ("cam_follower", CHANGED["cam_follower"]),
+    ("ball_mill", CHANGED["ball_mill"] | {"n_balls": 2}),
+    ("band_track", CHANGED["band_track"] | {"n_wrap": 3, "n_free": 1}),
     ("arevalo_circle", {"c": 0.6, "t_start": 0.0, "t_end": 4.0}),
     ("fekete", {"n_points": 5, "damping": 0.1}),
 ]

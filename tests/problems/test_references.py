@@ -15,11 +15,21 @@ PLAN = load_plan(_common.REFERENCES / "plan.toml")
 ENOUGH = {"q": 1e-11, "v": 1e-11, "lam": 1e-9, "mu": 1e-9}  # largest scaled bars at the stated times
 FEWER = {  # entries whose note says why they have fewer digits: what they must hold all the same
     "andrews": {"v": 3e-11},
+    "cable_pendulum_2d": {"v": 3e-10},
+    "cable_pendulum_3d": {"v": 3e-10},
+    "ball_mill": {"q": 2e-10, "v": 2e-10},
+    "band_track": {"q": 5e-10, "v": 5e-9, "lam": 2e-8},
+    "belt_drive": {"v": 5e-9},
+    "bushing_chain_c3e3": {"v": 1e-10},
+    "bushing_chain_c3e6": {"q": 5e-9, "v": 2e-8},
+    "cam_follower": {"q": 2e-9, "v": 2e-8, "lam": 5e-7},
     "flyball_governor": {"q": 5e-8, "v": 5e-8, "lam": 2e-8},
     "heavy_top": {"q": 2e-11, "v": 2e-11},
     "hf_linear_constrained_k1e8": {"v": 5e-11},
+    "mooring_line": {"q": 1e-10, "v": 3e-9},
     "slider_crank_flexible": {"q": 2e-10, "v": 2e-10},
     "stiff_spring_pendulum_k1e8": {"v": 1e-10, "lam": 2e-7},
+    "train_buffers": {"q": 3e-11, "v": 1e-10},
 }
 EPS = float(np.finfo(np.float64).eps)
 FILES = sorted(file.stem for file in _common.REFERENCES.glob("*.json"))

@@ -146,7 +146,7 @@ def _steps(x: Any, relative: float, least: float) -> np.ndarray:
 
 
 def _step_along(relative: float, t: float, q: Any, v: Any, least: float) -> float:
-    """Step in time that changes t by at most ``relative`` and each coordinate by at most that times its size."""
+    """Time step [s], at most ``relative``, along which each q changes by at most ``relative`` times max(|q|, ``least``)."""
     size = np.maximum(least, np.abs(np.asarray(q, dtype=np.float64)))
     speed = float(np.max(np.abs(v) / size, initial=0.0))
     e = relative / max(1.0, speed)

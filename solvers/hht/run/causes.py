@@ -247,9 +247,10 @@ def unresolved_forces(t: Vector, h: Vector, q: Matrix, v: Matrix, a: Matrix) -> 
 
 
 def alternating_vibration(h: Vector, q: Matrix, v: Matrix) -> tuple[str, bool]:
-    """Message if v alternates with prescribed steps, else empty; and whether that has grown by ``GROWTH``.
+    """Message if an entry of v alternates from step to step, else ""; and True if the steps are unstable for it.
 
-    Takes ``h`` (k,), ``q, v`` (n, k).
+    They are where it has grown by more than ``GROWTH`` at a steady rate; otherwise the message is a warning. For prescribed
+    steps ``h`` (k,) [s] with ``q, v`` (n, k) at their ends; too few steps give no message.
     """
     if h.size < 3 * ALTERNATIONS:
         return "", False

@@ -169,7 +169,11 @@ def _output(before: State, accepted: Accepted, after: State) -> HermiteOutput:
 
 
 def onward(stepper: Stepper, integrator: IntegratorState) -> Onward | None:
-    """Fast stepping inside the loops; None where it is not possible: a first step, events, or a message to give."""
+    """Fast stepping inside the loops, or None where each step must return to Python.
+
+    It must in a first step, with events, functions in Python, or a state that is not the one in the loops' memory, for large
+    systems, and at tolerances near roundoff.
+    """
     engine, plan, state = stepper.engine, stepper.plan, integrator.state
     if stepper.events or state.h is None or engine.loops.held is not state or engine.loops.call_python:
         return None

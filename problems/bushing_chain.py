@@ -1,0 +1,177 @@
+r"""A chain of bars on rubber bushings falls from the horizontal: stiff springs with dampers in the place of pins.
+
+Source: planar, with the shoes and bushings of the band track of an M113 in Project Chrono's vehicle models (tread: mass,
+length, inertia about the pin; bushings against translation and about the pin); the chain itself and its damping
+3.5e3 N s/m beside Chrono's 3.5e6 are of this bench::
+
+    |//
+    |//o======o======o======o== ... ==o        bar i = 1..N: (x_i, y_i, angle_i) [m, m, rad]
+    |//   1      2      3          N            o: bushing k, c along both directions, turning_k, turning_c
+
+    bushing i: d_i = R_(i-1)^T (start of bar i - end of bar i-1),  b_i = angle_i - angle_(i-1)   (bar 0 is the ground)
+    tension k d + c d',  moment turning_k b + turning_c b';  generalised forces by virtual work
+
+The start is at rest, stretched out along x, free of stress.  The fastest mode of the dampers decays at about
+``4 c / m + c L^2 / J`` [1/s], 3e7 for c = 3.5e6, while the motion takes a second.  No closed solution.  SI units.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from hhtbench.mechanics import bushings, forces, plane
+from hhtbench.mechanics.lines import pin_lines
+from hhtbench.protocol.arguments import Vector, positive_integer
+from hhtbench.protocol.system import Problem, Scales, System, parameter
+from problems._common import checked, load_reference
+
+SOURCE = "shoes and bushings of the M113 band track of Project Chrono; the chain is of this bench"
+LARGE = 100  # coordinates from which the tag "large" is set: dense linear algebra stops being the best choice about here
+NAMES = {3.5e3: "bushing_chain_c3e3", 3.5e6: "bushing_chain_c3e6"}  #: stored references by their damping
+
+
+class BushingChain(System):
+    """``q`` (3 N,): bars (x, y, angle); diagonal mass, no constraints."""
+
+    m: Array = parameter(1.8, doc="mass of a bar [kg]")
+    J: Array = parameter(0.001, doc="inertia of a bar about its centre [kg m^2]")
+    length: Array = parameter(0.0753, doc="of a bar [m]")
+    k: Array = parameter(7e7, doc="stiffness of a bushing [N/m]")
+    c: Array = parameter(3.5e3, doc="damping of a bushing [N s/m]")
+    turning_k: Array = parameter(500.0, doc="stiffness against turning [N m/rad]")
+    turning_c: Array = parameter(25.0, doc="damping against turning [N m s]")
+    g: Array = parameter(9.81, doc="gravity [m/s^2]")
+    n_bars: int = eqx.field(static=True, default=20)
+
+    @property
+    def bodies(self) -> tuple[Array, Array]:
+        """Masses [kg] and moments of inertia [kg m^2], (N,) each."""
+        return self.m * jnp.ones(self.n_bars), self.J * jnp.ones(self.n_bars)
+
+    @property
+    def gravity(self) -> Array:
+        """Gravity (2,) [m/s^2]."""
+        return jnp.stack([0.0, -self.g])
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness (3,) against the offsets along, across and in angle [N/m, N/m, N m/rad]."""
+        return jnp.stack([self.k, self.k, self.turning_k])
+
+    @property
+    def law(self) -> Any:
+        """Law of springs and dampers of the bushings."""
+        return forces.spring_damper(self.stiffness, jnp.stack([self.c, self.c, self.turning_c]), 0.0)
+
+    @property
+    def mass_matrix(self) -> Array:
+        """Mass matrix: diagonal (3 N,) [kg, kg, kg m^2]."""
+        return plane.mass_of_bodies(*self.bodies)
+
+    def offsets(self, q: Array) -> Array:
+        """Offsets (N, 3) [m, m, rad] of the bushings."""
+        bars = np.arange(self.n_bars)
+        end = jnp.stack([self.length / 2, 0.0])
+        ends = jnp.where((bars == 0)[:, None], 0.0, end)  # the ground's is the origin
+        return bushings.offsets_in_plane(plane.placed_with_ground(q), bars - 1, bars, ends, -end[None])
+
+    def force(self, t: Array, q: Array, v: Array) -> Array:
+        """Applied force: weight and bushings, (3 N,) [N, N, N m]."""
+        return plane.weight_of_bodies(self.bodies[0], self.gravity) + forces.force_of(self.offsets, self.law, q, v)
+
+    def energy(self, t: Array, q: Array, v: Array) -> Array:
+        """Kinetic and gravitational energy, springs [J]."""
+        springs = jnp.sum(self.stiffness * self.offsets(q) ** 2) / 2
+        return plane.energy_of_bodies(q, v, *self.bodies, self.gravity) + springs
+
+    def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
+        """Power of the dampers [W]."""
+        return forces.power_lost(self.offsets, self.law, q, v)
+
+
+OFFSETS: Any = eqx.filter_jit(BushingChain.offsets)
+
+
+def tip(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
+    """Centre of the last bar (2,) [m]."""
+    return np.asarray(q[-3:-1])
+
+
+def stretch(system: BushingChain, t: float, q: Vector, v: Vector, lam: Vector) -> float:
+    """Distance of the points that the first bushing holds together [m]."""
+    return float(np.linalg.norm(OFFSETS(system, q)[0, :2]))
+
+
+def sketch(length: float, q: Vector) -> dict[str, Any]:
+    """Drawing at ``q``: first end and centres as ``points`` (N + 1, 2), bars and support as ``lines`` (N + 9, 2, 2) [m]."""
+    x, angle = np.split(np.asarray(q).reshape(-1, 3), [2], axis=1)
+    along = length / 2 * np.concatenate([np.cos(angle), np.sin(angle)], axis=1)
+    bars = np.stack([x - along, x + along], axis=1)
+    return {"points": np.concatenate([bars[:1, 0], x]), "lines": np.concatenate([bars, pin_lines((0.0, 0.0), length)])}
+
+
+def problem(
+    *,
+    n_bars: int = 20,
+    m: float = 1.8,
+    J: float = 0.001,
+    length: float = 0.0753,
+    k: float = 7e7,
+    c: float = 3.5e3,
+    turning_k: float = 500.0,
+    turning_c: float = 25.0,
+    g: float = 9.81,
+    t_end: float = 1.0,
+) -> Problem:
+    """Make the problem: the chain let go over [0, ``t_end``] [s].
+
+    Parameters
+    ----------
+    n_bars
+        N, at least 1.
+    m, J, length
+        Mass [kg], moment of inertia [kg m^2] and length [m] of a bar, above 0.
+    k, c
+        Stiffness [N/m], above 0, and damping [N s/m], at least 0, of a bushing; references are for c = 3.5e3 and 3.5e6.
+    turning_k, turning_c
+        The same against turning [N m/rad, N m s].
+    g
+        Gravity [m/s^2].
+    """
+    n = positive_integer("n_bars", n_bars)
+    values: dict[str, Any] = {
+        "m": checked("m", m, above=0.0, unit="kg"),
+        "J": checked("J", J, above=0.0, unit="kg m^2"),
+        "length": checked("length", length, above=0.0, unit="m"),
+        "k": checked("k", k, above=0.0, unit="N/m"),
+        "c": checked("c", c, at_least=0.0, unit="N s/m"),
+        "turning_k": checked("turning_k", turning_k, above=0.0, unit="N m/rad"),
+        "turning_c": checked("turning_c", turning_c, at_least=0.0, unit="N m s"),
+        "g": checked("g", g, unit="m/s^2"),
+    }
+    t_end = checked("t_end", t_end, above=0.0, unit="s")
+    plain = {key: float(getattr(BushingChain(), key)) for key in values}
+    published = n == 20 and values["c"] in NAMES and values | {"c": plain["c"]} == plain
+    system = BushingChain(**values, n_bars=n)
+    size, speed = n * values["length"], np.sqrt(max(abs(values["g"]), 1e-3) * n * values["length"])
+    middles = values["length"] * (np.arange(n) + 0.5)
+    return Problem(
+        name="bushing_chain",
+        system=system,
+        t_span=(0.0, t_end),
+        q0=np.stack([middles, np.zeros(n), np.zeros(n)], axis=1).ravel(),
+        v0=np.zeros(3 * n),
+        scales=Scales(q=np.tile([size, size, 1.0], n), v=np.tile([speed, speed, speed / size], n)),
+        observables={"tip": tip, "stretch": functools.partial(stretch, system)},
+        reference=load_reference(NAMES[values["c"]], t_end) if published else None,
+        sketch=functools.partial(sketch, values["length"]),
+        tags=("unconstrained", "stiff", "damped", *(("large",) if 3 * n >= LARGE else ())),
+        good_for="bushings instead of joints: decays up to ten million times faster than the motion, any number of bodies",
+        source=SOURCE,
+    )
