@@ -20,7 +20,7 @@ def test_weights_of_guesses_are_those_of_the_polynomial_through_the_points():
 
 @pytest.mark.parametrize("damping", [3.5e3, 3.5e6])
 def test_stiff_bushings_cost_less_at_loose_tolerances_and_steps_are_hardly_ever_begun_again(damping):
-    problem = hb.load_problem("bushing_chain", damping=damping)
+    problem = hb.load_problem("bushing_chain", c=damping)
     counters = [hb.solve(problem, "hht", rtol=rtol).counters for rtol in (1e-2, 1e-3, 1e-4)]
     evaluations = [c.residual_evaluations for c in counters]
     assert evaluations == sorted(evaluations)
@@ -30,7 +30,7 @@ def test_stiff_bushings_cost_less_at_loose_tolerances_and_steps_are_hardly_ever_
 
 
 def test_steps_after_a_failure_stay_shorter_than_the_one_that_failed_and_a_checkpoint_keeps_that():
-    problem = hb.load_problem("bushing_chain", damping=3.5e6)
+    problem = hb.load_problem("bushing_chain", c=3.5e6)
     solvers = [HHT(problem.system) for _ in range(2)]
     whole, parts = solvers
     for solver in solvers:
