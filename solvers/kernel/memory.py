@@ -89,7 +89,7 @@ NEWTON, RESIDUALS, JACOBIANS, FACTORISATIONS, SOLVES, REJECTED, LOOKS, RESTARTS,
 
 NEWTON_CONSTANTS = (
     "tolerance", "margin", "stagnation", "stalled", "other_step", "refresh_rate", "worst_rate", "matrix_cost", "remaining",
-    "stiff", "slow",
+    "stiff",
 )  # fmt: skip
 
 # The step (GIVEN of solvers.hht.equations.known), then the state: `start_of` takes them as one vector.
@@ -196,7 +196,7 @@ VIOLATION, SPREAD, ASYMMETRY, CONDITION = range(4)  # in START_CHECKS; SPREAD: o
 
 ALPHA, BETA, GAMMA = range(3)  # in CONSTANTS
 TOLERANCE, MARGIN, STAGNATION, STALLED, OTHER_STEP, REFRESH_RATE, WORST_RATE, MATRIX_COST = range(3, 11)
-REMAINING, STIFF, SLOW, LEAST_OFF = range(11, 15)
+REMAINING, STIFF, LEAST_OFF = range(11, 14)
 
 # Positions of the entries of the matrix and of the maps below it, see solvers.kernel.linear.analysis.
 TARGETS, INSIDE, PLACES, OUTSIDE, STARTS, COUPLED, ROWS, COLUMNS, BLOCKS, MAP_STARTS, MAP_COLUMNS = map(

@@ -47,7 +47,6 @@ class NewtonOptions:
     worst_rate: float = 0.9  #: contraction above which a fresh matrix has failed
     matrix_cost: float = 0.0  #: of a new matrix, in iterations; 0: judged by ``refresh_rate``
     remaining: float = 0.01  #: share of the step's tolerance left in force rows, (H35); 0: iterate to roundoff
-    slow: float = 0.05  #: contraction, of force rows by a matrix of this step, above which the next iterate gets its own
     stiff: float = 10.0  #: imbalance over increment from which directions are stiff: they may have turned since
     finest: float = 1e-5  #: rtol below which force rows are iterated to roundoff: that costs hardly more
     max_iterations: int = 15  #: with a stored matrix; a fresh one needs 2 to 4
@@ -203,7 +202,7 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
         return DONE if i.stagnated else STALL  # the second time with a matrix at the very iterate
     if i.taken == 0:
         return DIVERGES if i.size > max(o[mem.WORST_RATE] * i.before, o[mem.STAGNATION]) else GO_ON
-    if i.fresh and i.rows == UNTIL_ALLOWED and i.rate > o[mem.SLOW] and i.size > o[mem.STAGNATION]:
+    if i.fresh and i.rows == UNTIL_ALLOWED and i.rate > o[mem.REFRESH_RATE] and i.size > o[mem.STAGNATION]:
         return RENEW if i.rate < 1.0 else RENEW_HERE
     if i.fresh:
         return DIVERGES if i.rate > o[mem.WORST_RATE] else GO_ON
