@@ -1,7 +1,7 @@
 r"""A slider crank turned at a constant rate, its rod of any number of geometrically exact beam elements, damped.
 
 Source of the numbers: slider crank problem of the Test Set for IVP Solvers (F. Mazzia, F. Iavernaro, C. Magherini, Bari), as
-in ``slider_crank_flexible``, which takes four shapes for the rod.  The elements, the shear and the damping are this bench's::
+in ``slider_crank_flexible``, with four shapes for the rod.  Elements, the shear and the damping are of this bench::
 
              0                           q = (x_0, y_0, theta_0, ..., x_N, y_N, theta_N): nodes of the rod [m, m, rad]
             / '-.1_   rod, L2, N elements   node 0 is on the crank, node N is the slider
@@ -10,7 +10,7 @@ in ``slider_crank_flexible``, which takes four shapes for the rod.  The elements
     -----O-----------------[ N ]----     0 = g = (x_0 - L1 cos(Om t),  y_0 - L1 sin(Om t),  y_N)
 
 The crank has no mass of its own: its motion is prescribed.  Shear takes 5/6 of the section and Poisson's ratio 0.3; the
-damping is ``beta`` times the stiffness.  Mass is consistent, and the slider's is added at node N.  Start: the rigid motion of
+damping is ``beta`` times the stiffness.  Mass is consistent, and the slider's is added at node N.  Start: rigid motion of
 the straight rod, so that it vibrates.  SI units.
 """
 

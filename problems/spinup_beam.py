@@ -4,7 +4,7 @@ Source: J. C. Simo, L. Vu-Quoc, On the dynamics of flexible beams under large ov
 Applied Mechanics 53 (1986) 849-863; after T. R. Kane, R. R. Ryan, A. K. Banerjee, Journal of Guidance, Control, and Dynamics
 10 (1987) 139-151::
 
-               ,o N              q = (x_0, y_0, theta_0, x_1, ...): position and angle of the section of each node [m, m, rad]
+               ,o N            q = (x_0, y_0, theta_0, x_1, ...): position and angle of each node [m, m, rad]
           ,o-'                   lam: force [N, N] and moment [N m] of the hub's end of the beam on the hub
       ,o-'    theta_1
     O 0 - - - - - - - x          0 = g = (x_0, y_0, theta_0 - psi(t)),   L: length
@@ -19,7 +19,6 @@ The fastest waves are far above the motion: with 8 elements 1e5 rad/s.  SI units
 from __future__ import annotations
 
 import functools
-import math
 from typing import Any
 
 import equinox as eqx
