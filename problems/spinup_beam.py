@@ -4,14 +4,14 @@ Source: J. C. Simo, L. Vu-Quoc, On the dynamics of flexible beams under large ov
 Applied Mechanics 53 (1986) 849-863; after T. R. Kane, R. R. Ryan, A. K. Banerjee, Journal of Guidance, Control, and Dynamics
 10 (1987) 139-151::
 
-               ,o N            q = (x_0, y_0, theta_0, x_1, ...): position and angle of each node [m, m, rad]
+               ,o N              q = (x_0, y_0, theta_0, x_1, ...): position and angle of each node [m, m, rad]
           ,o-'                   lam: force [N, N] and moment [N m] of the hub's end of the beam on the hub
       ,o-'    theta_1
     O 0 - - - - - - - x          0 = g = (x_0, y_0, theta_0 - psi(t)),   L: length
 
     psi(t) = 6/15 (t^2 / 2 + (15 / (2 pi))^2 (cos(2 pi t / 15) - 1))  up to 15 s,   6 t - 45  after
 
-Elements of ``hhtbench.mechanics.beams`` with consistent mass.  First the beam lags by half a metre, then it stretches and
+Elements of ``hhtbench.mechanics.beams`` with consistent mass.  First the beam lags, then it stretches and
 is steady: along a rotating bar with w = 6 rad/s the stretch is tan(a L) / a - L with a^2 = rho A w^2 / EA, 5.14317e-4 m.
 The fastest waves are far above the motion: with 8 elements 1e5 rad/s.  SI units.
 """
