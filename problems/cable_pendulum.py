@@ -155,7 +155,7 @@ def problem(
     length
         Of the unstretched cable [m], above 0.
     EA, EI
-        Axial stiffness [N], above 0, and bending stiffness [N m^2], at least 0; without it nothing holds the free end's slope.
+        Axial stiffness [N], above 0, and bending stiffness [N m^2], at least 0; at 0 nothing holds the free end's slope.
     mass
         Mass per length [kg/m], above 0.
     damping

@@ -8,9 +8,9 @@ Source: contact of Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445, in buffe
               gap of buffers d_i = room_i + x_(i+1) - x_i,  room_1 = run, else slack / 2
               gap of hooks       e_i = slack - d_i
 
-A buffer pushes with ``N(d)`` where d < 0, a hook pulls with ``N(e)`` where d > slack; both are ``k s^1.5 (1 + 1.5 c s')`` of
-the smooth depth s of ``hhtbench.mechanics.contact``.  The first wagon rolls at ``speed``, the others stand.  Momentum is
-kept; energy falls by what buffers and hooks lose.  No closed solution.  SI units.
+A buffer pushes with ``N(d)`` where d < 0, a hook pulls with ``N(e)`` where d > slack; both ``k s^exponent (1 + 1.5 c s')``
+of the smooth depth s of ``hhtbench.mechanics.contact``.  The first wagon rolls at ``speed``, the others stand.  Momentum
+is kept; energy falls by what buffers and hooks lose.  No closed solution.  SI units.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ class Train(System):
     """``q`` (N,): displacements [m]; scalar mass, no constraints."""
 
     m: Array = parameter(4e4, doc="mass of a wagon [kg]")
-    k: Array = parameter(2e7, doc="stiffness of the buffers and of the hook between two wagons [N/m^1.5]")
+    k: Array = parameter(2e7, doc="stiffness of the buffers and of the hook between two wagons [N/m^exponent]")
     c: Array = parameter(0.3, doc="loss of a buffer or hook [s/m]: an impact at u keeps 1 - c u of its speed")
+    exponent: Array = parameter(1.5, doc="of the force over the depth [1]")
     slack: Array = parameter(0.04, doc="way between hook and buffers [m]")
     run: Array = parameter(0.5, doc="way of the first wagon to the second [m]")
     onset: Array = parameter(1e-3, doc="gap over which a contact sets in [m]")
@@ -54,7 +55,7 @@ class Train(System):
     @property
     def law(self) -> Any:
         """Law of buffers and hooks."""
-        return contact.hunt_crossley(self.k, self.c, self.onset)
+        return contact.hunt_crossley(self.k, self.c, self.onset, self.exponent)
 
     def gaps(self, q: Array) -> Array:
         """Gaps (2 N - 3,) [m]: of the buffers, and of the hooks behind the second wagon; the first is not coupled."""
@@ -72,7 +73,7 @@ class Train(System):
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
         """Kinetic energy and that of buffers and hooks [J]."""
-        return self.m * jnp.sum(v**2) / 2 + contact.contact_energy(self.gaps(q), self.k, self.onset)
+        return self.m * jnp.sum(v**2) / 2 + contact.contact_energy(self.gaps(q), self.k, self.onset, self.exponent)
 
     def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
         """Power that buffers and hooks lose [W]."""
@@ -112,6 +113,7 @@ def problem(
     m: float = 4e4,
     k: float = 2e7,
     c: float = 0.3,
+    exponent: float = 1.5,
     slack: float = 0.04,
     run: float = 0.5,
     speed: float = 1.5,
@@ -127,7 +129,9 @@ def problem(
     m
         Mass of a wagon [kg], above 0.
     k, c
-        Stiffness [N/m^1.5], above 0, and loss [s/m], at least 0, of the buffers or the hook between two wagons.
+        Stiffness [N/m^exponent], above 0, and loss [s/m], at least 0, of the buffers or the hook between two wagons.
+    exponent
+        Of the force over the depth [1], above 1: 1.5 for Hertz's contact, larger for progressive springs.
     slack, run
         Way between hook and buffers, and way of the first wagon to the second at the start [m], above 0.
     speed
@@ -140,8 +144,9 @@ def problem(
         raise ProblemError(f"n_wagons must be at least 2, so that there is something to run into; got {n}.")
     values: dict[str, Any] = {
         "m": checked("m", m, above=0.0, unit="kg"),
-        "k": checked("k", k, above=0.0, unit="N/m^1.5"),
+        "k": checked("k", k, above=0.0, unit="N/m^exponent"),
         "c": checked("c", c, at_least=0.0, unit="s/m"),
+        "exponent": checked("exponent", exponent, above=1.0, unit="1"),
         "slack": checked("slack", slack, above=0.0, unit="m"),
         "run": checked("run", run, above=0.0, unit="m"),
         "onset": checked("onset", onset, above=0.0, unit="m"),

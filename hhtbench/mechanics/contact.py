@@ -75,17 +75,17 @@ def depth(gap: Array, onset: Any) -> Array:
     return jnp.where(apart, jnp.asarray(onset) ** 2 / (2 * jnp.where(apart, root + gap, 1.0)), (root - gap) / 2)
 
 
-def hunt_crossley(stiffness: Any, loss: Any, onset: Any, power: float = 1.5) -> Callable[[Array, Array], Array]:
+def hunt_crossley(stiffness: Any, loss: Any, onset: Any, power: Any = 1.5) -> Callable[[Array, Array], Array]:
     """Return the law of contact for ``forces.force_of``: the tension (j,) [N], below 0, of gaps and their rates.
 
     ``stiffness`` [N/m^power], ``loss`` c [s/m] (a slow impact at u keeps ``1 - c u`` of its speed), ``onset`` of
-    :func:`depth` [m]; ``power`` 1.5 is that of Hertz.
+    :func:`depth` [m]; ``power``, above 1, is 1.5 for Hertz's contact.
     """
     bound = jnp.asarray(1.5 * jnp.asarray(loss))
     return lambda gap, rate: -jnp.asarray(stiffness) * depth(gap, onset) ** power * jnp.maximum(1 - bound * rate, 0.0)
 
 
-def contact_energy(gap: Array, stiffness: Any, onset: Any, power: float = 1.5) -> Array:
+def contact_energy(gap: Array, stiffness: Any, onset: Any, power: Any = 1.5) -> Array:
     """Energy [J] of all contacts with gaps ``gap`` (j,): that of :func:`hunt_crossley` without loss, above power 1."""
     s = depth(gap, onset)
     shape = s**2 / (power + 1) + jnp.asarray(onset) ** 2 / (4 * (power - 1))
@@ -106,7 +106,7 @@ def friction_force(
     """Generalised force (n,) of friction between bodies ``first`` (j,) and ``second`` at their contacts.
 
     ``frame`` is the module ``plane`` or ``space`` that ``q`` is laid out by.  One body serves all contacts.  ``push`` (j,)
-    [N] is the normal force, ``law`` the coefficient and the creep of :func:`friction`, which acts at ``contact.point`` on both.
+    [N] is the normal force, ``law`` the coefficient and the creep of :func:`friction`, at ``contact.point`` on both.
     """
     at = frame.placed_with_ground(q)
     first, second = (jnp.broadcast_to(body, push.shape) for body in expect_pairs(first, second, len(at.x)))

@@ -29,6 +29,8 @@ RTOL = 1e-3
 ROUNDOFF = 1e-12  # of the largest q and v; Newton's iteration ends at 1e-13
 NOISY = {  # one roundoff of q makes M^-1 F noise
     "bushing_chain": 1e-9,  # 7e7 N/m on 0.001 kg m^2: 1e-6 rad/s^2, over steps of some ms
+    "cable_pendulum": 1e-11,  # light slopes: 2e-12 of v
+    "mooring_line": 1e-9,  # 9e7 N/m on 5 kg at 50 m: 2e-7 m/s^2
     "flyball_governor": 1e-9,  # light joints: 2e-12 of v
 }
 

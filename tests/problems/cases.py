@@ -60,7 +60,7 @@ CHANGED = {  # every problem with parameters, without a change of its size
     "slider_crank_flexible": {"E": 1e10, "M3": 0.2, "Om": 40.0},
     "stiff_spring_pendulum": {"stiffness": 50.0, "m1": 2.0, "m2": 3.0, "l1": 0.5, "l2": 0.7, "g": 4.0},
     "sundials_slider_crank": {"a": 0.3, "J1": 2.0, "m2": 0.5, "J2": 1.0, "k": 4.0, "c": 0.2, "l0": 0.4, "F": -1.0},
-    "train_buffers": {"m": 2e4, "k": 1e7, "c": 0.1, "slack": 0.1, "run": 0.01, "speed": 2.0},
+    "train_buffers": {"m": 2e4, "k": 1e7, "c": 0.1, "exponent": 2.0, "slack": 0.1, "run": 0.01, "speed": 2.0},
 }
 FURTHER = [  # other sizes, limits and singular choices
     ("arevalo_circle", {"c": 0.6, "t_start": 0.0, "t_end": 4.0}),
