@@ -163,7 +163,7 @@ def small_motion(x, C, length):
 def test_small_loads_on_a_cantilever_in_space_bend_and_twist_it_as_in_closed_form(n):
     """Tip by F: ``F L^3 / (3 EI) + F L / GA`` (Timoshenko) in both planes, by M: ``M L / GJ``.
 
-    The rule of one point leaves ``- F L^3 / (12 EI n^2)``: of the moment F (L - x) it sees the middle, not the square's mean.
+    The rule of one point leaves ``- F L^3 / (12 EI n^2)``: it squares the moment F (L - x) in the middle of an element.
     """
     L, C = 2.0, np.array([7e3, 2e3, 3e3, 5.0, 11.0, 13.0])
     x = np.column_stack([np.linspace(0, L, n + 1), np.zeros((n + 1, 2)), np.ones(n + 1), np.zeros((n + 1, 3))])
