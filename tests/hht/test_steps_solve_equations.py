@@ -31,6 +31,9 @@ NOISY = {  # one roundoff of q makes M^-1 F noise
     "bushing_chain": 1e-9,  # 7e7 N/m on 0.001 kg m^2: 1e-6 rad/s^2, over steps of some ms
     "cable_pendulum": 1e-11,  # light slopes: 2e-12 of v
     "mooring_line": 1e-9,  # 9e7 N/m on 5 kg at 50 m: 2e-7 m/s^2
+    "flexible_crank": 1e-10,  # 4e6 N of shear on 2e-7 kg m^2
+    "right_angle_cantilever": 1e-8,  # from rest: 1e6 N on 5 kg at 10 m, 2e-12 m/s of 4e-3
+    "spinup_beam": 1e-6,  # from rest: 2.8e7 N on 1.5 kg at 10 m, 3e-10 m/s of 5e-4
     "flyball_governor": 1e-9,  # light joints: 2e-12 of v
 }
 
