@@ -13,7 +13,7 @@ Computer Methods in Applied Mechanics and Engineering 66 (1988) 125-161, right-a
     M q'' = F - strains_q^T C strains + P(t) e_z - g_q^T lam      0 = g = (x_0,  2 e_0,  p_i . p_i - 1),  p_i = (e0_i, e_i)
 
 Elements of ``hhtbench.mechanics.beams``; the mass is consistent for the positions, the rotary inertia lumped at the nodes,
-as in the library's bodies.  After 2 s the energy stays.  The beam swings by half its size.  SI units.
+as in the library's bodies.  After 2 s the energy stays.  The elbow swings by half a leg's length.  SI units.
 """
 
 from __future__ import annotations
