@@ -1,4 +1,4 @@
-"""Elements for functions of a System: ``space``, ``plane``, ``forces``, ``bushings``, ``cables``, ``contact``, ``lines``.
+"""Elements of Systems: ``space``, ``plane``, ``forces``, ``beams``, ``bushings``, ``cables``, ``contact``, ``lines``.
 
 Functions on arrays, no classes: a System calls them in its own ``mass_matrix``, ``force`` and ``constraint``, for any
 number of bodies or joints at once.
@@ -8,9 +8,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hhtbench.mechanics import bushings, cables, contact, forces, lines, plane, space
+    from hhtbench.mechanics import beams, bushings, cables, contact, forces, lines, plane, space
 
-__all__ = ["bushings", "cables", "contact", "forces", "lines", "plane", "space"]
+__all__ = ["beams", "bushings", "cables", "contact", "forces", "lines", "plane", "space"]
 
 
 def __getattr__(name: str) -> Any:

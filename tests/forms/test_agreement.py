@@ -50,6 +50,7 @@ SMALLER = {  # the same equations in a tenth of the time, and contact without ki
     "cable_pendulum": "cable_pendulum(n_elements=3, length=3)",
     "falling_net": "falling_net(n_side=3, width=1)",
     "fekete": "fekete(n_points=6)",
+    "right_angle_cantilever": "right_angle_cantilever(n_elements=1)",
     "mooring_line": "mooring_line(n_segments=4, length=8, pull_z=900)",
     "train_buffers": "train_buffers(onset=1, c=0)",
 }

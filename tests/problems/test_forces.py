@@ -39,6 +39,8 @@ LAGRANGE = [  # undamped; quaternions without norm inertia, which the energy doe
     ("cable_pendulum", {"n_elements": 3, "damping": 0.0}),
     ("cable_pendulum", {"n_elements": 2, "dimension": 3, "damping": 0.0}),
     ("falling_net", {"n_side": 3, "damping": 0.0}),
+    ("flexible_crank", {"n_elements": 3, "beta": 0.0}),
+    ("spinup_beam", {"n_elements": 3}),
     ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"]),
     ("stiff_spring_pendulum", CHANGED["stiff_spring_pendulum"] | {"stiffness": math.inf}),
     ("slider_crank_equal_lengths", CHANGED["slider_crank_equal_lengths"]),
@@ -120,6 +122,9 @@ POWER = [
             "cable_pendulum",
             "falling_net",
             "mooring_line",
+            "flexible_crank",
+            "right_angle_cantilever",
+            "spinup_beam",
         )
     ),
     ("cam_follower", CHANGED["cam_follower"]),
