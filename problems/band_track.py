@@ -1,8 +1,8 @@
 r"""A band track runs over two wheels: shoes on rubber bushings, penalty contact and friction on both wheels.
 
-Source: shoe, bushings and sprocket radius after the band track of an M113 in Project Chrono's vehicle models (a tread and a
-web together are one shoe here); contact of Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445; planar, with two wheels and
-friction in place of teeth, by this bench::
+Source: shoe and bushings after the band track of an M113 in Project Chrono's vehicle models (a tread and a web together
+are one shoe here; the wheels are as large as ``n_wrap`` shoes on half of one ask); contact of Hunt and Crossley, J. Appl.
+Mech. 42 (1975) 440-445; planar, with two wheels and friction in place of teeth, by this bench::
 
           o---o---o---o---o            n = 2 (n_wrap + n_free) shoes (x, y, angle), end to end
         o  .--.           .--. o       o: bushing k, c along both directions, turning_k, turning_c about the pin

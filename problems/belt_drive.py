@@ -15,7 +15,7 @@ Source of belt and wheels: example beltDrivesComparison of Exudyn (J. Gerstmayr;
 
 Strains and mass are those of ``hhtbench.mechanics.cables``, contact and friction those of ``hhtbench.mechanics.contact``.
 The belt starts stretched, at rest, in the depth at which contact carries its tension.  The damping is fast: waves along the
-belt die at rates up to 1e8 1/s.  Gravity is left out.  SI units.
+belt die at rates up to 3e7 1/s.  Gravity is left out.  SI units.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ length, inertia about the pin; bushings against translation and about the pin); 
     tension k d + c d',  moment turning_k b + turning_c b';  generalised forces by virtual work
 
 The start is at rest, stretched out along x, free of stress.  The fastest mode of the dampers decays at about
-``4 c / m + c L^2 / J`` [1/s], 3e7 for c = 3.5e6, while the motion takes a second.  No closed solution.  SI units.
+``c L^2 / J`` [1/s], 2e7 for c = 3.5e6, while the motion takes a second.  No closed solution.  SI units.
 """
 
 from __future__ import annotations

@@ -53,7 +53,7 @@ def on_sphere(centre: Array, radius: Any, other: Any, other_radius: Any) -> Cont
     """Contacts of circles or spheres ``radius`` [m] at ``centre`` (j, d) with others ``other_radius`` at ``other``; a
     negative ``other_radius`` is hollow and holds the first inside.  The centres must be apart.
     """
-    other, side = jnp.broadcast_to(other, centre.shape), jnp.sign(jnp.asarray(other_radius))
+    other, side = jnp.broadcast_to(other, centre.shape), jnp.where(jnp.asarray(other_radius) < 0.0, -1.0, 1.0)
     apart = distances(centre, other)
     outward = (centre - other) / apart[:, None]
     surface = other + jnp.abs(jnp.asarray(other_radius))[..., None] * outward

@@ -127,7 +127,7 @@ RECORD = pairs(lambda s: 7)
 MADE_AT = pairs(lambda s: s.size + s.given)
 
 # An attempt at a step: its numbers; iterate, residual, result of the matrix function, all entries; its end.
-ATTEMPT = floats(lambda s: 13)
+ATTEMPT = floats(lambda s: 12)
 X = floats(lambda s: s.size)
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
@@ -148,9 +148,9 @@ NOISE = floats(lambda s: 2)  # roundoff of an increment in q1 and v1, measured a
 BASE_X = floats(lambda s: s.size)  # iterate and whole increment of a damped iteration
 FULL = floats(lambda s: 2 * s.size + 2)
 UNDISTURBED = floats(lambda s: 4 * s.n)  # q, v, a, f while roundoff is measured
-# In ATTEMPT; LEAPS: 1 + the coordinate that leapt, or 0; MADE: matrices of this attempt; FAILURES: of attempts before it.
+# In ATTEMPT; LEAPS: 1 + the coordinate that leapt, or 0; MADE: matrices of this attempt.
 H_TRIED, T_END, SLOT, CONTRACTION, ERROR_SIZE, NEXT_H, FIRST_H, FIRST_ERROR = range(8)
-ROOT_TOLERANCE, COST, LEAPS, MADE, FAILURES = range(8, 13)
+ROOT_TOLERANCE, COST, LEAPS, MADE = range(8, 12)
 
 # Its error: raw errors, a point (t, q, v) for evaluations, the constraint levels there.
 RAW = floats(lambda s: 3 * s.n)

@@ -144,6 +144,7 @@ AXIS /= np.linalg.norm(AXIS, axis=1, keepdims=True)
     [
         (lambda x, o, n: contact.on_plane(x, 0.2, o, n), np.sum((CENTRE - OTHER) * AXIS, axis=1) - 0.2),
         (lambda x, o, n: contact.on_sphere(x, 0.2, o, 0.3), np.linalg.norm(CENTRE - OTHER, axis=1) - 0.5),
+        (lambda x, o, n: contact.on_sphere(x, 0.2, o, 0.0), np.linalg.norm(CENTRE - OTHER, axis=1) - 0.2),
         (lambda x, o, n: contact.on_sphere(x, 0.2, o, -3.0), 2.8 - np.linalg.norm(CENTRE - OTHER, axis=1)),
         (
             lambda x, o, n: contact.on_cylinder(x, 0.2, o, n, 0.3),
@@ -154,7 +155,7 @@ AXIS /= np.linalg.norm(AXIS, axis=1, keepdims=True)
             2.8 - np.linalg.norm(np.cross(CENTRE - OTHER, AXIS), axis=1),
         ),
     ],
-    ids=["plane", "sphere", "inside a sphere", "cylinder", "inside a cylinder"],
+    ids=["plane", "sphere", "point", "inside a sphere", "cylinder", "inside a cylinder"],
 )
 def test_gaps_normals_and_points_are_those_of_geometry_in_every_frame(made, expected):
     turn = Rotation.from_rotvec([0.4, -1.2, 0.7])

@@ -15,7 +15,7 @@ from solvers.kernel.acceleration import acceleration_level
 from solvers.kernel.compiled import compiled, spacing
 from solvers.kernel.sections import part, put, view
 
-RELAX = 1.04  # growth per step of the bound that failures set, if the step took no new matrix
+RELAX = 1.3  # growth per step of the bound that failures set, if the step took no new matrix
 NO_ESTIMATE = -1.0  # marks an error that was not estimated: that of a step far shorter than proposed
 
 
@@ -59,7 +59,7 @@ def prescribed(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     if t + h == t or t1 == t:
         tried[mem.H_TRIED] = h
         return mem.NO_ADVANCE
-    ended = attempt(z, h, t1, counts)
+    ended = attempt(z, h, t1, True, counts)
     return mem.FALL_BACK if may_fall_back(z, ended) else ended
 
 
@@ -80,7 +80,7 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
     length, rejected, failed, last = max(proposed, o.min_step), 0, mem.NO_ADVANCE, 0.0
     least = max(o.min_step, o.spacings * spacing(abs(t)))
     smallest = abs(representable(t, math.copysign(least, stop - t)))
-    tried[mem.FIRST_H] = tried[mem.FAILURES] = 0.0
+    tried[mem.FIRST_H] = 0.0
     while True:
         asked = length
         fitted, t1 = fit(t, math.copysign(asked, stop - t), stop, o.min_step)
@@ -89,12 +89,13 @@ def controlled(z: Any, o: Any, stop: Any, counts: Any) -> Any:
             if failed == mem.NO_ADVANCE:
                 tried[mem.H_TRIED] = h
             return failed
-        ended, factor = attempt(z, h, t1, counts), o.after_failure
+        retried = rejected > 0 or abs(h) <= smallest or part(z, mem.NUMBER)[mem.H] == 0.0  # else a shorter step is cheaper
+        ended, factor = attempt(z, h, t1, retried, counts), o.after_failure
         if ended == mem.SPENT:
             return mem.SPENT
         if ended == mem.NO_ADVANCE:
             return failed
-        if may_fall_back(z, ended):
+        if retried and may_fall_back(z, ended):
             return mem.FALL_BACK
         if ended != mem.CONVERGED:
             failed = ended

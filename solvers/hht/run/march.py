@@ -36,7 +36,7 @@ def march(z: Memory, o: ControlOptions, stop: float, lengths: FloatArray, ends: 
 @called
 def try_step(z: Memory, h: float, t1: float) -> Any:
     """Attempt a step of h [s] to t1 without accepting it; returns the ending code and keeps the factorisation."""
-    ended = attempt(z, h, t1, indices(z, mem.COUNTED))
+    ended = attempt(z, h, t1, True, indices(z, mem.COUNTED))
     if ended == mem.CONVERGED:
         part(z, mem.NUMBER)[mem.FACTOR] = part(z, mem.ATTEMPT)[mem.SLOT]
     return ended

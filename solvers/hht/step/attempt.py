@@ -187,11 +187,11 @@ def plain_guess(z: Any, level: Any) -> None:
 
 
 @compiled
-def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
+def attempt(z: Any, h: Any, t1: Any, retried: Any, counts: Any) -> Any:
     """Try a step of h [s] to t1; returns its ending code, results in X, END and ATTEMPT.
 
-    A failure is retried from the plain guess with fresh matrices: undamped, as turning stiff springs need, then damped, as
-    nearly discontinuous friction needs.
+    If ``retried``, a failure is tried again from the plain guess with fresh matrices: undamped, as turning stiff springs
+    need, then damped, as nearly discontinuous friction needs.
     """
     number, tried = part(z, mem.NUMBER), part(z, mem.ATTEMPT)
     size_q, size_v, acceleration = number[mem.SIZE_Q], number[mem.SIZE_V], largest(part(z, mem.VDOT))
@@ -212,16 +212,13 @@ def attempt(z: Any, h: Any, t1: Any, counts: Any) -> Any:
     ended = finished(z, ended, t1, counts)
     if ended not in (mem.CONVERGED, mem.SPENT):
         counts[mem.RESTARTS] += 1
-        tried[mem.FAILURES] += 1.0
-        if z.i[mem.CONTROLLED] and number[mem.H] != 0.0 and tried[mem.FAILURES] < 2.0:
-            tried[mem.SLOT], tried[mem.CONTRACTION] = lu, rate
-            return ended
+    if retried and ended not in (mem.CONVERGED, mem.SPENT):
         early(z)  # it may have held the one value that was not finite
         level = multipliers_anew(z, h, counts)
         plain_guess(z, level)
         ended, lu, rate = restarted(z, stored, h, False, counts)
         ended = finished(z, ended, t1, counts)
-    if ended not in (mem.CONVERGED, mem.SPENT):
+    if retried and ended not in (mem.CONVERGED, mem.SPENT):
         early(z)
         plain_guess(z, level)
         ended, lu, rate = restarted(z, stored, h, True, counts)
