@@ -280,10 +280,7 @@ class Run:
         return Failure(Status.time_resolution, coarse) if coarse else end
 
     def _explained(self, end: Failure, found: Any) -> Failure:
-        """Failure ``nonfinite_callback`` that names the function whose value was not finite, then the message of ``end``.
-
-        ``found`` is the error that names it, or the (t, y) where to look for it.
-        """
+        """Failure ``nonfinite_callback`` that names the function by ``found``, the error or the (t, y) where to look."""
         if not isinstance(found, NonFiniteValue):
             t, y = found
             try:

@@ -43,7 +43,7 @@ def test_solvers_that_choose_their_own_steps_decline():
     [
         (EARLIER.but(status=hb.Status.max_steps), "has succeeded; this one ended with max_steps"),
         (EARLIER.but(steps_data=None), "has kept its steps; solve it with keep_steps=True"),
-        (hb.solve(PENDULUM, "hht", rtol=1e-3, t_span=(0.0, 1.0)), "add up to the interval's length .* they add up to 1 s"),
+        (hb.solve(PENDULUM, "hht", rtol=1e-3, t_span=(0.0, 1.0)), "add up to the interval's length 10 s; they add up to 1"),
         (EARLIER.t, "or an earlier solution"),
     ],
     ids=["failed", "not kept", "other interval", "times"],
