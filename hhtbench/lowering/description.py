@@ -112,7 +112,7 @@ def _shown(value: Any) -> str:
 
 
 def _undeclared(system: System | NumpySystem) -> list[Statement]:
-    """Statements of what is not computed since constraints, mass matrix, energy or invariants are not declared."""
+    """List the quantities that are not computed because constraints, mass, energy or invariants are not declared."""
     absent = {name: declared(system, name) is None for name in PHYSICS}
     rows = []
     if absent["constraint"]:

@@ -35,7 +35,7 @@ def test_force_rows_stop_early_under_error_control_and_go_to_roundoff_in_prescri
     monkeypatch.setattr(functions, "NewtonOptions", lambda **given: NewtonOptions(**given, remaining=0.0))
     forget_engines(monkeypatch)
     roundoff = solve("simple_pendulum", rtol=1e-3)
-    assert evaluations(controlled) < 0.7 * evaluations(roundoff)
+    assert evaluations(controlled) < min(2.2, 0.7 * evaluations(roundoff))  # two are the least: guess and correction
     assert controlled.counters.steps_accepted == pytest.approx(roundoff.counters.steps_accepted, rel=0.02)
     assert np.array_equal(prescribed_steps("simple_pendulum").q, prescribed.q)
 
