@@ -6,12 +6,17 @@ generalised force is ``-l_q^T s``.  Source: C. Lanczos, The Variational Principl
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from itertools import cycle
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+
+_asked: ContextVar[Callable[[Array], Array | None]] = ContextVar("asked", default=lambda _: None)
 
 
 def distances(a: Array, b: Array) -> Array:
@@ -25,9 +30,43 @@ def spring_damper(stiffness: Any, damping: Any, free: Any) -> Callable[[Array, A
 
 
 def force_of(measure: Callable[[Array], Array], law: Callable[[Array, Array], Array], q: Array, v: Array) -> Array:
-    """Generalised force (n,) of j elements with lengths or angles ``measure(q)`` (j,) and tensions ``law(l, l')`` (j,)."""
+    """Generalised force (n,) of j elements with lengths or angles ``measure(q)`` (j,) and tensions ``law(l, l')`` (j,).
+
+    Its derivative takes the change of ``l_q^T`` at the element's tensions, or at those of :func:`tensions_given`.
+    """
     _, pull = jax.vjp(measure, q)
-    return -pull(law(*rates(measure, q, v)))[0]
+    tensions = law(*rates(measure, q, v))
+    given = _asked.get()(tensions)
+    if given is None:
+        return -pull(tensions)[0]
+    curved = pull(jax.lax.stop_gradient(given))[0]
+    _, fixed = jax.vjp(measure, jax.lax.stop_gradient(q))
+    return jax.lax.stop_gradient(curved) - curved - fixed(tensions)[0]
+
+
+def tensions_of(force: Callable[[], Any]) -> tuple[Array, ...]:
+    """Tensions (j,) of every call of :func:`force_of` while ``force`` is evaluated, in the order of the calls."""
+    found: list[Array] = []
+    asked = _asked.set(found.append)
+    try:
+        force()
+    finally:
+        _asked.reset(asked)
+    return tuple(found)
+
+
+@contextmanager
+def tensions_given(tensions: Sequence[Array]) -> Iterator[None]:
+    """Context in which the calls of :func:`force_of` have these ``tensions`` in the derivative of ``l_q^T``, in turn.
+
+    The forces keep their values.
+    """
+    turn = cycle(tensions)
+    asked = _asked.set(lambda _: next(turn))
+    try:
+        yield
+    finally:
+        _asked.reset(asked)
 
 
 def rates(measure: Callable[[Array], Array], q: Array, v: Array) -> tuple[Array, Array]:

@@ -19,7 +19,7 @@ HIGHEST = 5  #: number of earlier steps whose unknowns are kept; a guess has at 
 GIVEN = ("h", "t1", "of_a", "of_f", "from_end")  #: the step; a0 by the weights of a - f, of f and of a1
 HEAD = ("t", "last", "size_q", "size_v", "known", "factor")  #: numbers of the state, of which t matters to the equations
 #: memory of step control
-CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one", "bound", "matrices")
+CONTROL_NUMBERS = ("h_next", "last", "error", "has_reaction_k", "last_but_one", "bound")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +112,7 @@ H_EARLIER = floats(lambda s: HIGHEST)  # signed lengths of these steps [s]
 T, H, SIZE_Q, SIZE_V, KNOWN, FACTOR = range(6)  # in NUMBER; H = 0: no step yet; FACTOR: which of two it uses, or -1
 
 # What error control remembers: h_next, the last two steps, error (-1: none), whether R_k is known, a bound on steps since
-# Newton's iteration failed, the matrices of the last step; f + r before and after the last step; R_k; q before the last two
+# Newton's iteration failed; f + r before and after the last step; R_k; q before the last two
 # steps and before the last.
 CONTROL = floats(lambda s: len(CONTROL_NUMBERS))
 BEFORE = floats(lambda s: s.n)
@@ -120,15 +120,16 @@ ACCELERATION = floats(lambda s: s.n)
 REACTION_K = floats(lambda s: s.n)
 Q_FIRST = floats(lambda s: s.n)
 Q_BEFORE = floats(lambda s: s.n)
-H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K, LAST_BUT_ONE, BOUND, MATRICES = range(7)  # in CONTROL
+H_NEXT, LAST, LAST_ERROR, HAS_REACTION_K, LAST_BUT_ONE, BOUND = range(6)  # in CONTROL
 
 # Of the two stored factorisations: numbers of each, and the arguments of the matrix.  The state ends here.
 RECORD = pairs(lambda s: 7)
-MADE_AT = pairs(lambda s: s.size + s.given)
+MADE_AT = pairs(lambda s: 2 * s.size + 1 + s.given)
 
 # An attempt at a step: its numbers; iterate, residual, result of the matrix function, all entries; its end.
 ATTEMPT = floats(lambda s: 12)
 X = floats(lambda s: s.size)
+PREVIOUS = floats(lambda s: 1 + s.size)  # 1 and the iterate before; or 0: this step has none
 RESIDUAL = floats(lambda s: s.size)
 COMPUTED = floats(lambda s: s.computed)
 VALUES = floats(lambda s: s.size + s.matrix + s.maps)

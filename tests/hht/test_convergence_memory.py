@@ -54,7 +54,7 @@ def test_the_bound_after_a_failure_holds_and_is_in_checkpoints():
         resumed = HHT(BLOCK.system)
         resumed.resume(whole.checkpoint())
         after = resumed.state.memory
-        assert (after.bound, after.matrices) == (before.bound, before.matrices)
+        assert after.bound == before.bound
         whole.step()
         resumed.step()
         assert whole.state.q.tobytes() == resumed.state.q.tobytes()

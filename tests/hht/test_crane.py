@@ -60,5 +60,5 @@ def test_the_error_falls_with_the_square_of_the_step_and_is_7_5_mm_at_a_tenth_of
 
 @pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4])
 def test_the_error_under_error_control_is_proportional_to_the_tolerance(rtol):
-    """3.8 times it at 1e-2, 4.3 and 4.4 times it below."""
-    assert abs(solved(rtol=rtol, atol=rtol).q[-1] - exact()).max() == pytest.approx(4.2 * rtol, rel=0.12)
+    """3.6 times it at 1e-2, 4.3 and 4.4 times it below."""
+    assert abs(solved(rtol=rtol, atol=rtol).q[-1] - exact()).max() == pytest.approx(4.0 * rtol, rel=0.12)

@@ -48,14 +48,14 @@ def test_blocks_of_the_step_equal_the_derivative_of_the_whole_residual(name, kin
     for _ in range(2):
         assert hht.step() is hb.Status.success
     layout, dynamics, method = hht._engine.layout, hht._engine.dynamics, hht._engine.method
-    unknowns, given = np.split(hht.state.factorised.at, [layout.size])
+    unknowns, _, given = np.split(hht.state.factorised.at, [layout.size, 2 * layout.size + 1])
     x = jnp.asarray(unknowns) * (1 + 0.1 * np.random.default_rng(0).standard_normal(layout.size))
     equations = equations_of(method)
     assembled, whole = (
         partial(function, dynamics, method, layout)
-        for function in (equations.residual_and_matrix, equations.residual_and_ends)
+        for function in (equations.residual_and_matrix, equations.to_differentiate)
     )
-    both, ends, wanted = values((assembled, whole, jax.jacfwd(whole)), x, jnp.asarray(given))
+    both, ends, wanted = values((assembled, whole, jax.jacfwd(whole)), x, jnp.zeros(1 + layout.size), jnp.asarray(given))
     residual, blocks = unpack_matrix(layout, both)
     np.testing.assert_array_equal(residual, ends[: layout.size])
     sizes = np.maximum(np.abs(wanted).max(axis=1, keepdims=True), 1e-300)
@@ -74,7 +74,7 @@ def test_the_condition_of_newton_s_matrix_is_that_of_long_steps_in_short_ones(na
         assert hht.step() is hb.Status.success
         layout, dynamics, used = hht._engine.layout, hht._engine.dynamics, hht._engine.method
         function = compile_function(equations_of(used).residual_and_matrix, dynamics, used, layout)
-        packed = function(*np.split(hht.state.factorised.at, [layout.size]))
+        packed = function(*np.split(hht.state.factorised.at, [layout.size, 2 * layout.size + 1]))
         matrix = np.array(unpack_matrix(layout, packed)[1][: layout.size])
         conditions.append(np.linalg.cond(matrix))
         matrix[-1] *= h

@@ -56,7 +56,8 @@ def functions_of(problem, dynamics):
         y[of_form.blocks["q"]], y[of_form.blocks["v"]] = q, v
         found["residual"] = residual_function, (of_form,), (t, y, yp), ROUNDOFF
         found["jacobian"] = jacobian_function, (of_form,), (t, y, yp, 3.0), ROUNDOFF
-        found["matrix"] = step_residual_and_matrix, (method, layout), step, ROUNDOFF
+        previous = np.concatenate([[1.0], draw.normal(size=layout.size)])
+        found["matrix"] = step_residual_and_matrix, (method, layout), (step[0], previous, step[1]), ROUNDOFF
         if s.linear_reaction and problem.name != "redundant_pendulum":  # whose KKT matrix is singular
             found["rhs"] = rhs_jacobian_function, (), (t, np.concatenate([q, v])), OF_SOLVES
     return found

@@ -180,7 +180,7 @@ def remember(z: Any) -> None:
     """Store what the next error estimate and the controller need."""
     n, control, tried = z.i[mem.N], part(z, mem.CONTROL), part(z, mem.ATTEMPT)
     control[mem.H_NEXT], control[mem.LAST] = tried[mem.NEXT_H], tried[mem.H_TRIED]
-    control[mem.LAST_ERROR], control[mem.MATRICES] = tried[mem.ERROR_SIZE], tried[mem.MADE]
+    control[mem.LAST_ERROR] = tried[mem.ERROR_SIZE]
     if tried[mem.MADE] < 2.0:
         control[mem.BOUND] *= RELAX if tried[mem.MADE] == 0.0 else RELAX**0.25
     put(part(z, mem.BEFORE), 0, part(z, mem.ACCELERATION))

@@ -41,7 +41,7 @@ def plan_first_step(z: Memory, o: ControlOptions, stop: float, plain: bool) -> N
     control[mem.H_NEXT] = o.first_step if o.first_step > 0.0 else min(longest, suggested)  # not min_step: nothing told it
     control[mem.LAST], control[mem.LAST_ERROR], control[mem.HAS_REACTION_K] = signed, -1.0, 0.0
     before = part(z, mem.BEFORE)
-    control[mem.LAST_BUT_ONE], control[mem.BOUND], control[mem.MATRICES] = signed, math.inf, 0.0
+    control[mem.LAST_BUT_ONE], control[mem.BOUND] = signed, math.inf
     for i in range(n):
         rate = before[i] if known else 0.0
         part(z, mem.Q_BEFORE)[i] = place_before(z, i, -signed, rate)

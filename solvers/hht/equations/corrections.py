@@ -49,9 +49,11 @@ def of_constraints(layout: Layout, residual: Any, xp: Any) -> Any:
     return xp.concatenate([rows[name] if name in CONSTRAINED else xp.zeros(size) for name, size in layout.unknowns.items()])
 
 
-def residual_and_entries(dynamics: Dynamics, method: Method, layout: Layout, pattern: Pattern, x: Any, given: Any) -> Any:
+def residual_and_entries(
+    dynamics: Dynamics, method: Method, layout: Layout, pattern: Pattern, x: Any, previous: Any, given: Any
+) -> Any:
     """Residual (size,), then the entries of [matrix; dq1/dx; dv1/dx] in ``pattern``, (H14)."""
-    packed = by_pattern(dynamics, pattern, equations_of(method).residual_and_ends, (method, layout), x, given)
+    packed = by_pattern(dynamics, pattern, equations_of(method).to_differentiate, (method, layout), x, previous, given)
     return dynamics.xp.concatenate([packed[: layout.size], packed[pattern.shape[0] :]])
 
 
@@ -61,7 +63,7 @@ def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, give
 
 
 def fresh_correction(
-    dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, given: Any
+    dynamics: Dynamics, method: Method, layout: Layout, entries: tuple[int, ...], x: Any, previous: Any, given: Any
 ) -> Any:
     """Newton correction with the matrix at the iterate ``x`` (size,), and the data to reuse this matrix, (H14).
 
@@ -73,7 +75,8 @@ def fresh_correction(
         :func:`_sized`; the inverse matrix, column by column; the entries; the largest magnitude of all inputs.
     """
     xp = dynamics.xp
-    residual, blocks = unpack_matrix(layout, equations_of(method).residual_and_matrix(dynamics, method, layout, x, given))
+    packed = equations_of(method).residual_and_matrix(dynamics, method, layout, x, previous, given)
+    residual, blocks = unpack_matrix(layout, packed)
     inverted, maps = inverse(blocks[: layout.size]), blocks[layout.size :]
     own = maps.ravel()[xp.asarray(entries)]
     largest = xp.maximum(xp.abs(residual).max(keepdims=True), xp.abs(blocks).max(keepdims=True).ravel())

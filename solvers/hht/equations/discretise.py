@@ -10,11 +10,16 @@ multipliers, not positions: the Newton matrix then stays bounded as h goes to 0.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
 from functools import reduce
 from operator import add
 from typing import Any, NamedTuple
 
+import jax
+import numpy as np
+
 from hhtbench.lowering import Dynamics, Structure
+from hhtbench.lowering.dynamics.mixed import Predicted, mixed
 from solvers.hht.equations.applied import applied_force, applied_jacobians, whole
 from solvers.hht.equations.coefficients import Method
 from solvers.hht.equations.known import Layout, known_values, start_of
@@ -77,9 +82,32 @@ def step_residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x
     return dynamics.xp.concatenate([*_rows(dynamics, layout, unknown, known, place), place.q1, place.v1])
 
 
-def step_residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """:func:`residual_and_matrix` with known values computed from the state in ``given``."""
-    return residual_and_matrix(dynamics, layout, x, known_values(dynamics, method, layout, given))
+def step_residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, previous: Any, given: Any) -> Any:
+    """:func:`residual_and_matrix` with known values computed from the state in ``given``, and tensions as in (H61)."""
+    with _mixed(dynamics, method, layout, x, previous, given):
+        return residual_and_matrix(dynamics, layout, x, known_values(dynamics, method, layout, given))
+
+
+def step_to_differentiate(dynamics: Dynamics, method: Method, layout: Layout, x: Any, previous: Any, given: Any) -> Any:
+    """:func:`step_residual_and_ends`, whose derivative by ``x`` takes tensions as in (H61)."""
+    with _mixed(dynamics, method, layout, x, previous, given):
+        return step_residual_and_ends(dynamics, method, layout, x, given)
+
+
+def _mixed(dynamics: Dynamics, method: Method, layout: Layout, x: Any, previous: Any, given: Any) -> Any:
+    """Context in which derivatives of forces take tensions predicted from the ``previous`` iterate, (H61).
+
+    ``previous``: 1, then that iterate (size,); or 0, then anything: the tensions are those before the step.
+    """
+    if not layout.structure.force_uses_q or dynamics.xp is np:
+        return nullcontext()
+    x, previous = jax.lax.stop_gradient((x, previous))
+    known, xp = known_values(dynamics, method, layout, given), dynamics.xp
+    last, now = (stages(dynamics, layout, layout.split(iterate), known) for iterate in (previous[1:], x))
+    before, seen = start_of(layout, given, xp), previous[0] > 0.0
+    q, v = xp.where(seen, last.q1, before["q"]), xp.where(seen, last.v1, before["v"])
+    changes = (xp.where(seen, end - first, 0.0) for end, first in ((now.q1, last.q1), (now.v1, last.v1)))
+    return mixed(dynamics, Predicted(xp.where(seen, known["t1"], before["t"]), q, v, *changes))
 
 
 def state_after(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:

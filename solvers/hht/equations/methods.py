@@ -1,4 +1,8 @@
-"""Table of the equations of each method, as functions (dynamics, method, layout, x, given)."""
+"""Table of the equations of each method, as functions (dynamics, method, layout, x, given).
+
+Those with derivatives have the iterate before as a further argument, after ``x``: 1, then the iterate (size,); or 0 and
+anything where the step has none.
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,7 @@ class Equations(NamedTuple):
 
     layout: Callable[[Structure, Method], Layout]  #: unknowns of a step
     residual_and_ends: Callable[..., Any]  #: residual, q1 and v1, (size + 2n,)
+    to_differentiate: Callable[..., Any]  #: the same, for the derivative by x, (H61)
     residual_and_matrix: Callable[..., Any]  #: residual, matrix, dq1/dx and dv1/dx, (size + size*size + 2*n*size,)
     state_after: Callable[..., Any]  #: see :func:`~solvers.hht.equations.corrections.state_after`
 
@@ -24,12 +29,14 @@ EQUATIONS = {
     "hht": Equations(
         discretise.layout,
         discretise.step_residual_and_ends,
+        discretise.step_to_differentiate,
         discretise.step_residual_and_matrix,
         discretise.state_after,
     ),
     "newmark": Equations(
         newmark.layout,
         newmark.residual_and_ends,
+        newmark.to_differentiate,
         newmark.residual_and_matrix,
         newmark.state_after,
     ),

@@ -78,8 +78,16 @@ def residual_and_ends(dynamics: Dynamics, method: Method, layout: Layout, x: Any
     return dynamics.xp.concatenate([*step.rows(), step.end.q1, step.end.v1])
 
 
-def residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, given: Any) -> Any:
-    """Residual, its matrix, dq1/dx and dv1/dx, as :func:`~solvers.hht.equations.discretise.residual_and_matrix`."""
+def to_differentiate(dynamics: Dynamics, method: Method, layout: Layout, x: Any, previous: Any, given: Any) -> Any:
+    """:func:`residual_and_ends`; the iterate before is not used."""
+    return residual_and_ends(dynamics, method, layout, x, given)
+
+
+def residual_and_matrix(dynamics: Dynamics, method: Method, layout: Layout, x: Any, previous: Any, given: Any) -> Any:
+    """Residual, its matrix, dq1/dx and dv1/dx, as :func:`~solvers.hht.equations.discretise.residual_and_matrix`.
+
+    The iterate before is not used.
+    """
     xp, step = dynamics.xp, _Step(dynamics, method, layout, x, given)
     q_x, v_x = step.end_derivatives()
     matrix = xp.concatenate(step.matrix_rows(q_x, v_x), axis=0)

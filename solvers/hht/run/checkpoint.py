@@ -33,7 +33,7 @@ from solvers.hht.run.stepping import IntegratorState
 from solvers.hht.step.state import ControlMemory, Factorised, State
 from solvers.kernel.memory import GIVEN, HEAD
 
-MAGIC, VERSION = b"hhtbench HHT checkpoint", 10
+MAGIC, VERSION = b"hhtbench HHT checkpoint", 11
 RECORDS = (IntegratorState, PhasePoint, State, ControlMemory, Factorised, Tolerances, EventState, Occurrence, HermiteOutput)
 TYPES: dict[str, Any] = {kind.__name__: kind for kind in RECORDS}
 NUMBERS = np.dtype("<f8")  # numbers of arrays
@@ -221,8 +221,8 @@ def _contradictions(s: IntegratorState, given: int, events: int) -> list[str]:
 
 def _is_factorised(made: Factorised, state: State, given: int) -> bool:
     """True if a factorisation can have been made in a step that ended at ``state``, by its sizes and length."""
-    n, size = state.q.size, made.at.size - given
-    h, (q, v) = float(made.at[size]), np.split(made.at[size + BEFORE : size + BEFORE + 2 * n], 2)
+    n, step = state.q.size, made.at[made.at.size - given :]
+    h, (q, v) = float(step[0]), np.split(step[BEFORE : BEFORE + 2 * n], 2)
     seen = float(np.abs(q).max()) <= state.size_q and float(np.abs(v).max()) <= state.size_v
     return seen and _is_length(h, state.t) and min(made.rate, made.uses, made.cost) >= 0
 

@@ -152,11 +152,9 @@ class MachineCode(Functions):
             layout = replace(layout, inverse_places=tuple(sorted({*code.varying.tolist(), *known})))
         super().__init__(dynamics, method, layout)
         static, size = (self.method, layout), layout.size
-        options: dict[str, Any] = {"shapes": ((size,), self.given)}
+        options: dict[str, Any] = {"shapes": ((size,), (1 + size,), self.given)}
         self.alone = self.callbacks is None
         early_matrix, matrix = self._matrix(linsolver, options)
-        function: Any = residual_and_end
-        heads = size, 2 * size
         if self.analysis.kind == "inverse":  # corrections in the place of residual and matrix
             own = self.analysis.own
             flat = self.analysis.rows[own:] * size + self.analysis.columns[own:] - size**2
@@ -165,8 +163,11 @@ class MachineCode(Functions):
                 native(fresh_correction, dynamics, *static, *more, stage=stage, **options) for stage in ("early", "late")
             )
             self._sizes["fresh"] = matrix.size
-            function, heads = stored_correction_and_end, (2 * size + 2, 3 * size + 4)
+            function: Any = stored_correction_and_end
+            heads = 2 * size + 2, 3 * size + 4
             options = {"shapes": ((size,), (size**2,), (flat.size,), self.given)}
+        else:
+            function, heads, options = residual_and_end, (size, 2 * size), {"shapes": ((size,), self.given)}
         end = heads[1] + state_size(layout)
         early = native(function, dynamics, *static, *more, stage="early", **options)
         s = layout.structure
@@ -231,7 +232,7 @@ class SparseCode(MachineCode):
         """Early and late stage of Newton's matrix, from one directional derivative per colour of its columns."""
         static, example = (self.method, self.layout), tuple(map(np.zeros, options["shapes"]))
         try:
-            pattern = find_pattern(equations_of(self.method).residual_and_ends, self.dynamics, *static, example=example)
+            pattern = find_pattern(equations_of(self.method).to_differentiate, self.dynamics, *static, example=example)
         except NotImplementedError as error:
             raise NotNative(f"the pattern of its derivatives cannot be read: {error}") from error
         if pattern.computed > MAX_COMPUTED:
@@ -261,12 +262,12 @@ class PythonFunctions(Functions):
             self.analysis = of_pattern(coloured.pattern, layout.size, linsolver)
             self.newton = replace(SPARSE, matrix_cost=self.analysis.matrix_cost)
             ends = np.s_[layout.size : layout.size + 2 * layout.structure.n]
-            entries = lambda x, given: np.delete(coloured.packed(x, given), ends)  # noqa: E731
+            entries = lambda *at: np.delete(coloured.packed(*at), ends)  # noqa: E731
         static, size, n = (self.method, layout), layout.size, layout.structure.n
         shapes = (size,), self.given, None
         self._codes = {
             "residual": self.made(residual_of, size, shapes, *static),
-            "matrix": (entries, self.analysis.targets.size, shapes),
+            "matrix": (entries, self.analysis.targets.size, ((size,), (1 + size,), self.given, None)),
             "constraints": self.made(constraint_residual, size, shapes, *static),
             "end": self.made(state_after, state_size(layout), shapes, *static),
         }
@@ -290,10 +291,10 @@ class PythonFunctions(Functions):
         if not isinstance(products, MatrixFree):
             return FULL
         layout = layout_of(products, method)
-        example = np.zeros(layout.size), np.zeros(Sizes(**memory_sizes(layout), size=0).given)
+        example = np.zeros(layout.size), np.zeros(1 + layout.size), np.zeros(Sizes(**memory_sizes(layout), size=0).given)
         static = replace(method, start="f0"), layout
         try:
-            coloured = Coloured(equations_of(method).residual_and_ends, products, *static, example=example)
+            coloured = Coloured(equations_of(method).to_differentiate, products, *static, example=example)
         except NotImplementedError as error:  # neither the graph nor asdex knows a primitive
             return f"the pattern of its derivatives cannot be read: {error}"
         analysis = of_pattern(coloured.pattern, layout.size, linsolver)

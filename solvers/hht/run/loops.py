@@ -221,7 +221,7 @@ class Loops:
         if memory is not None:
             error = -1.0 if memory.error is None else memory.error
             has_reaction, bound = memory.velocity_reaction is not None, math.inf if memory.bound is None else memory.bound
-            numbers = memory.h_next, memory.last, error, has_reaction, memory.last_but_one, bound, memory.matrices
+            numbers = memory.h_next, memory.last, error, has_reaction, memory.last_but_one, bound
             self.section(mem.CONTROL)[:] = numbers
         for owner, sections in ((state, OF_STATE), (memory, OF_CONTROL)):
             for name, section in sections.items():
@@ -278,7 +278,7 @@ class KeptState(NamedTuple):
         return None if name == "unknowns" and not known else found
 
     def _memory(self) -> ControlMemory:
-        h_next, last, error, has_reaction, last_but_one, bound, matrices = self.part(mem.CONTROL).tolist()
+        h_next, last, error, has_reaction, last_but_one, bound = self.part(mem.CONTROL).tolist()
         return ControlMemory(
             h_next=h_next,
             last=last,
@@ -290,7 +290,6 @@ class KeptState(NamedTuple):
             velocity_reaction=self.part(mem.REACTION_K) if has_reaction else None,
             error=None if error < 0.0 else error,
             bound=bound if math.isfinite(bound) else None,
-            matrices=matrices,
         )
 
     def _factorised(self, lu: int) -> Factorised:
@@ -324,7 +323,7 @@ def misfits(state: State, layout: Layout, given: int) -> list[str]:
     matrices = {"inverse_mass": (s.n, s.n), "unknowns": (size,), "earlier": (known, size)}
     vectors |= {"lengths": (known,)}
     found = misshapen(state, vectors | matrices) + misshapen(state.memory, dict.fromkeys(OF_CONTROL, (s.n,)))
-    found += misshapen(state.factorised, {"at": (size + given,)})
+    found += misshapen(state.factorised, {"at": (2 * size + 1 + given,)})
     return found + [f"the mass is {s.mass}"] * ((state.inverse_mass is None) == (s.mass == "variable"))
 
 

@@ -65,7 +65,9 @@ def take(z: Memory, row: FloatMatrix, located: bool) -> None:
 def remake(z: Memory, made_at: FloatArray) -> Any:
     """Recompute the factorisation of a saved state into the first place; the state in memory is lost."""
     size, counts = part(z, mem.X).size, indices(z, mem.COUNTED)
+    at = 2 * size + 1
     put(part(z, mem.X), 0, made_at[:size])
-    put(view(z.w, z.i[2 * mem.STEP], made_at.size - size), 0, made_at[size:])
+    put(part(z, mem.PREVIOUS), 0, made_at[size:at])
+    put(view(z.w, z.i[2 * mem.STEP], made_at.size - at), 0, made_at[at:])
     early(z)
-    return renew(z, 0, made_at[size], counts)
+    return renew(z, 0, made_at[at], counts)

@@ -17,6 +17,7 @@ from solvers.kernel.memory import HIGHEST
 from solvers.kernel.numbers import TINY
 from solvers.kernel.sections import address, call, call_python, finite, largest, part, put, view
 
+FEW_EQUAL = 3  # equal steps before the last below which the times of others are used too, (H46)
 LEAP = 1.25  # times the displacement by changing accelerations in a step: more may be another branch, (H58)
 MIN_LEAP = 1e-6  # relative to the coordinate: smaller leaps are no branch switch
 MIN_LEAP_OF_LARGEST = 1e-8  # the same relative to the largest coordinate
@@ -45,10 +46,11 @@ def guess(z: Any, h: Any) -> None:
         plain_guess(z, z.i[2 * mem.LAM])
         return
     equal = equal_steps(z, h)
-    if equal > 0:
+    if 1 < count > equal < FEW_EQUAL:
+        if from_unequal_steps(z, h, count):
+            return
+    elif equal > 0:
         degree = best_degree(z, equal)
-    elif count > 1 and from_unequal_steps(z, h, count):
-        return
     put(x, 0, last)
     if degree == 0 and z.i[mem.O_LAM0] >= 0:
         put(x, z.i[mem.O_LAM0], last[z.i[mem.O_LAM1] : z.i[mem.O_LAM1] + z.i[mem.M]])
@@ -341,7 +343,8 @@ def accept(z: Any, row: Any) -> None:
         put(part(z, mem.INVERSE_MASS), 0, part(z, mem.END_INVERSE_MASS))
     number[mem.T], number[mem.H], number[mem.KNOWN] = t1, h, 1.0 if remainder else known
     record = part(z, mem.RECORD + lu)
-    record[mem.RATE], record[mem.KEPT_COST] = tried[mem.CONTRACTION], tried[mem.COST]
+    record[mem.RATE] = 1.0 if tried[mem.MADE] > 1.0 else tried[mem.CONTRACTION]  # 1: a matrix at every iterate is needed
+    record[mem.KEPT_COST] = tried[mem.COST]
     number[mem.FACTOR] = lu
     number[mem.SIZE_Q] = max(number[mem.SIZE_Q], largest(end[:n]))
     number[mem.SIZE_V] = max(number[mem.SIZE_V], largest(end[n : 2 * n]))

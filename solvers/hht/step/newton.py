@@ -25,9 +25,12 @@ from solvers.kernel.compiled import compiled
 from solvers.kernel.linear.matrix import renew, step_back
 from solvers.kernel.sections import part, put, spend
 
+MOST_ROUNDOFF = 1e-5  # relative increments above this are none, in the stiffest and longest chains
 MIN_DAMPED = 1e-8  # smaller increments are not halved: roundoff of a and lam hides whether the next is smaller
 CONSTRAINT_COST = 5.0  # of a matrix, in iterations of the constraint rows alone, whose machine code evaluates no force
 COST_DECAY = 0.95  # factor per step on the remembered cost of a step that began with a stored matrix
+NEXT_RATE = 0.1  # after an increment by each of two matrices: safety factor on the second's contraction, their ratio squared
+NEEDLESS = 0.5  # contraction noted for a step whose first matrix would have done: the next one makes one matrix
 MIN_RATE = 1e-3  # smaller ratios of increments count as this: a first one far too long feigns contraction
 TWO_STEP_RATE = 0.5  # largest ratio of an increment to the one two before it for undamped iteration, (H29)
 MAX_DAMPED = 40  # increments of the damped retry
@@ -71,6 +74,8 @@ class Iteration(NamedTuple):
     stagnated: bool  #: a matrix at the iterate has already failed once to shrink the increment
     last_first: float  #: size of the first increment by the matrix before, of this step; infinity: none
     before: float  #: the same of the matrix before that one
+    each: bool  #: a new matrix at every iterate, until the next one would gain less than it costs
+    last: float  #: size of the last increment by the matrix before, of this step; infinity: none was taken
 
 
 FRESH_ITERATIONS = 2.0  # iterations that a step with a fresh matrix takes
@@ -83,7 +88,8 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
     ``stored``: index of the state's factorisation, or -1.  It is used while it contracts, then replaced by a fresh one.
     """
     i, spare = begun(z, stored, h), 1 - stored if stored >= 0 else 0
-    kept, made = i.lu >= 0, 0.0
+    kept, made, needless, stalls, at_once = i.lu >= 0, 0.0, 0.0, 0.0, i.each
+    put(part(z, mem.BASE_X), 0, part(z, mem.X))
     for taken in range(z.i[mem.MAX_ITERATIONS]):
         counts[mem.NEWTON] += 1
         renewed = i.lu < 0
@@ -94,7 +100,7 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
             if ended != mem.CONVERGED:
                 return ended, -1, 0.0
             made += 1.0
-            i = Iteration(i.rows, spare, True, i.size, 0.0, 0.0, i.first, i.taken, i.stagnated, i.last_first, i.before)
+            i = with_matrix(i, spare)
         code = mem.C_CONSTRAINTS if i.rows == CONSTRAINTS else mem.C_RESIDUAL
         in_q, in_v = corrected(z, i.lu, code, renewed, counts)
         moved = scaled(z, in_q, in_v)
@@ -102,18 +108,24 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
             if i.fresh:
                 return mem.NONFINITE, -1, 0.0
             counts[mem.NONFINITES] += 1
-            i = with_new_matrix(i)
+            i = with_new_matrix(i, False)
             continue
         i = incremented(i, moved)
+        if at_once and made == 2.0 and i.taken == 0 and i.rate <= NEXT_RATE * part(z, mem.CONSTANTS)[mem.REFRESH_RATE]:
+            needless = 1.0  # the first would have contracted as fast
         decision = judged(z, i, counts)
         if decision == DIVERGES:
             return mem.DIVERGED, -1, 0.0
         if decision not in (RENEW_HERE, ALL_AGAIN):
             step_back(z)
         if decision == DONE:
-            part(z, mem.ATTEMPT)[mem.MADE] = made
+            part(z, mem.ATTEMPT)[mem.MADE] = made - needless - stalls
             part(z, mem.ATTEMPT)[mem.COST] = cost_with_kept(z, stored, i.fresh, taken + 1.0 if kept else 0.0)
-            return mem.CONVERGED, i.lu, i.worst
+            return mem.CONVERGED, i.lu, NEEDLESS if needless > 0.0 else i.worst
+        if decision == RENEW_HERE and not i.fresh:  # the stored matrix has led away from the guess
+            put(part(z, mem.X), 0, part(z, mem.BASE_X))
+            without_previous(z)
+        stalls += 1.0 if decision == STALL else 0.0  # the next matrix is for increments of roundoff
         i = after(i, decision)
     return mem.DIVERGED, -1, 0.0
 
@@ -121,18 +133,26 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
 @compiled
 def begun(z: Any, stored: Any, h: Any) -> Any:
     """Initial state of the iteration: which rows to iterate and whether to use the ``stored`` factorisation."""
-    lu, worst = stored, 0.0
+    lu, worst, each = stored, 0.0, False
     unmeasured(z)
+    without_previous(z)
     rows = UNTIL_ALLOWED if z.i[mem.STOPS_EARLY] else ALL_ROWS
     if lu >= 0:
         record, o = part(z, mem.RECORD + lu), part(z, mem.CONSTANTS)
-        worst = record[mem.RATE]
+        worst, each = record[mem.RATE], record[mem.RATE] >= 1.0
         slow = rows == UNTIL_ALLOWED and worst > o[mem.REFRESH_RATE]  # fewer increments than to roundoff tell less of it
-        slow = slow or (rows == UNTIL_ALLOWED and part(z, mem.CONTROL)[mem.MATRICES] > 1.0)
         dear = record[mem.KEPT_COST] > FRESH_ITERATIONS + o[mem.MATRIX_COST] > FRESH_ITERATIONS
-        if slow or dear or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
+        if each or slow or dear or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
             lu, worst = -1, 0.0
-    return Iteration(rows, lu, False, math.inf, 0.0, worst, 0.0, 0, False, math.inf, math.inf)
+    return Iteration(rows, lu, False, math.inf, 0.0, worst, 0.0, 0, False, math.inf, math.inf, each, math.inf)
+
+
+@compiled
+def without_previous(z: Any) -> None:
+    """Forget the iterate before the last: it belongs to another step, or to another guess."""
+    previous = part(z, mem.PREVIOUS)
+    for i in range(previous.size):
+        previous[i] = 0.0
 
 
 @compiled
@@ -148,7 +168,7 @@ def cost_with_kept(z: Any, stored: Any, renewed: Any, taken: Any) -> Any:
 def incremented(i: Any, size: Any) -> Any:
     """State of the iteration after an increment of ``size``."""
     seen = math.isfinite(i.size)  # only this step's own: the last step's may have been better
-    rate = size / i.size if seen else 0.0
+    rate = size / (i.size if seen else i.last)  # 0 for the first
     worst = max(rate, i.worst, MIN_RATE)
     return Iteration(
         i.rows,
@@ -162,6 +182,8 @@ def incremented(i: Any, size: Any) -> Any:
         i.stagnated,
         i.last_first,
         i.before,
+        i.each,
+        i.last,
     )
 
 
@@ -169,22 +191,37 @@ def incremented(i: Any, size: Any) -> Any:
 def after(i: Any, decision: Any) -> Any:
     """State of the iteration after a ``decision`` that continues it."""
     if decision == STALL:
-        return Iteration(ALL_ROWS, -1, i.fresh, i.size, 0.0, 0.0, i.first, i.taken, True, i.last_first, i.before)
+        return Iteration(
+            ALL_ROWS, -1, i.fresh, i.size, 0.0, 0.0, i.first, i.taken, True, i.last_first, i.before, i.each, math.inf
+        )
     if decision in (RENEW, RENEW_HERE):
-        return with_new_matrix(i)
+        return with_new_matrix(i, decision == RENEW)
     rows, size = i.rows, i.size
     if decision == FORCES_DONE:
         rows = CONSTRAINTS
     elif decision == ALL_AGAIN:
         rows, size = ALL_ROWS, math.inf
-    return Iteration(rows, i.lu, i.fresh, size, i.rate, i.worst, i.first, i.taken, i.stagnated, i.last_first, i.before)
+    return Iteration(
+        rows, i.lu, i.fresh, size, i.rate, i.worst, i.first, i.taken, i.stagnated, i.last_first, i.before, i.each, i.last
+    )
 
 
 @compiled
-def with_new_matrix(i: Any) -> Any:
-    """State of the iteration that requests a new factorisation; contraction rates start anew."""
+def with_matrix(i: Any, lu: Any) -> Any:
+    """State of the iteration with the new factorisation in place ``lu``."""
+    return Iteration(
+        i.rows, lu, True, i.size, 0.0, 0.0, i.first, i.taken, i.stagnated, i.last_first, i.before, i.each, i.last
+    )
+
+
+@compiled
+def with_new_matrix(i: Any, taken: Any) -> Any:
+    """State of the iteration that requests a new factorisation; ``taken``: where the last increment has led."""
     last_first, before = (i.first, i.last_first) if i.fresh else (math.inf, math.inf)
-    return Iteration(i.rows, -1, i.fresh, math.inf, 0.0, 0.0, i.first, i.taken, i.stagnated, last_first, before)
+    last = i.size if taken else math.inf
+    return Iteration(
+        i.rows, -1, i.fresh, math.inf, 0.0, 0.0, i.first, i.taken, i.stagnated, last_first, before, i.each or i.fresh, last
+    )
 
 
 @compiled
@@ -192,18 +229,25 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
     """Decide what follows an increment: one of DONE, STALL, GO_ON, RENEW, RENEW_HERE, DIVERGES, FORCES_DONE, ALL_AGAIN."""
     o = part(z, mem.CONSTANTS)
     rate = i.worst if i.rate != 0.0 else 0.0
+    exact = i.taken == 0 or (i.each and i.rate <= o[mem.REFRESH_RATE])
+    slow = i.fresh and i.rows != CONSTRAINTS and i.taken > 0 and i.rate > o[mem.REFRESH_RATE]
+    if slow and not i.each and i.taken == 1 and i.size > MOST_ROUNDOFF:
+        return RENEW_HERE  # a second increment by the first matrix may have led away
     if converged(z, i.size, rate) or (may_be_roundoff(z, i, counts) and converged(z, i.size, rate)):
         return DONE
     if i.rows == CONSTRAINTS and i.rate >= o[mem.STALLED]:
         return ALL_AGAIN
-    if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.lu, i.worst):
+    if i.rows == UNTIL_ALLOWED and i.rate > 0.0 and force_rows_end(z, i.lu, i.worst, exact):
         return FORCES_DONE if z.i[mem.M] + z.i[mem.P] > 0 else DONE
     if i.fresh and i.rate >= o[mem.STALLED] and is_roundoff(z, i.lu, counts):
         return DONE if i.stagnated else STALL  # the second time with a matrix at the very iterate
+    if i.taken == 0 and i.size > max(o[mem.WORST_RATE] * i.before, o[mem.STAGNATION]):
+        return DIVERGES
+    if slow and i.size > o[mem.STAGNATION]:
+        return RENEW if max(i.size / MOST_ROUNDOFF, i.rate) < 1.0 else RENEW_HERE
     if i.taken == 0:
-        return DIVERGES if i.size > max(o[mem.WORST_RATE] * i.before, o[mem.STAGNATION]) else GO_ON
-    if i.fresh and i.rows == UNTIL_ALLOWED and i.rate > o[mem.REFRESH_RATE] and i.size > o[mem.STAGNATION]:
-        return RENEW if i.rate < 1.0 else RENEW_HERE
+        each = i.each and i.fresh and i.rows != CONSTRAINTS and i.size > MOST_ROUNDOFF
+        return RENEW if each and not 0.0 < i.rate * i.rate <= NEXT_RATE * o[mem.REFRESH_RATE] else GO_ON
     if i.fresh:
         return DIVERGES if i.rate > o[mem.WORST_RATE] else GO_ON
     if not outworn(z, i):
@@ -214,8 +258,8 @@ def judged(z: Any, i: Any, counts: Any) -> Any:
 @compiled
 def may_be_roundoff(z: Any, i: Any, counts: Any) -> Any:
     """Measure the roundoff of increments if the last one may consist of it, at most once a step; True if measured."""
-    shrinks = i.rate < part(z, mem.CONSTANTS)[mem.STALLED] and i.size > MIN_DAMPED
-    if not z.i[mem.NOISY] or i.taken == 0 or part(z, mem.NOISE)[0] >= 0.0 or shrinks or not spend(z, counts):
+    known = i.size > (MIN_DAMPED if i.rate < part(z, mem.CONSTANTS)[mem.STALLED] else MOST_ROUNDOFF)
+    if not z.i[mem.NOISY] or i.taken == 0 or part(z, mem.NOISE)[0] >= 0.0 or known or not spend(z, counts):
         return False
     measure(z, i.lu, 0, counts)
     return True
@@ -238,6 +282,7 @@ def restarted(z: Any, stored: Any, h: Any, damped: Any, counts: Any) -> Any:
     o, spare = part(z, mem.CONSTANTS), 1 - stored if stored >= 0 else 0
     last, before, halvings = math.inf, math.inf, 0
     unmeasured(z)
+    without_previous(z)
     part(z, mem.ATTEMPT)[mem.COST] = 0.0
     for made in range(MAX_DAMPED if damped else z.i[mem.MAX_ITERATIONS]):
         part(z, mem.ATTEMPT)[mem.MADE] = made + 1.0
@@ -273,6 +318,8 @@ def halved(z: Any, lu: Any, moved: Any, counts: Any) -> Any:
     """Halve the increment until the next one is smaller; number of halvings, or -1 - code if none helps."""
     x, base, full, increment = part(z, mem.X), part(z, mem.BASE_X), part(z, mem.FULL), part(z, mem.INCREMENT)
     put(base, 0, x)
+    part(z, mem.PREVIOUS)[0] = 1.0
+    put(part(z, mem.PREVIOUS), 1, x)
     put(full, 0, increment)
     size, fraction, next_size = length(full, x.size), 1.0, 0.0
     for halving in range(MAX_HALVINGS):

@@ -23,15 +23,14 @@ class ControlMemory:
     velocity_reaction: Vector | None = None  #: (n,) R_k, reaction of the velocity constraints
     error: float | None = None  #: size of the step's error over its tolerance, (H26)
     bound: float | None = None  #: longest step [s] since Newton's iteration has failed
-    matrices: float = 0.0  #: matrices that it made in the last step
 
 
 @dataclass(frozen=True, kw_only=True)
 class Factorised:
     """Where the stored factorisation was made, so that the same code reproduces it bit for bit."""
 
-    at: Vector  #: the unknowns (size,), then the step, its signed length [s] first, and the state before it
-    rate: float  #: worst contraction per iteration seen with it
+    at: Vector  #: the unknowns (size,), the iterate before (1 + size,), the step with its signed length [s] first, the state
+    rate: float  #: worst contraction per iteration seen with it; 1 where the step needed more than one matrix
     uses: int  #: solves with it: a small matrix that serves often is inverted
     cost: float = 0.0  #: iterations of the last step begun with a stored matrix; decays while steps make new ones
 

@@ -61,18 +61,18 @@ def converged(z: Any, moved: Any, rate: Any) -> Any:
 
 
 @compiled
-def force_rows_end(z: Any, lu: Any, rate: Any) -> Any:
+def force_rows_end(z: Any, lu: Any, rate: Any, exact: Any) -> Any:
     """True if the error left in the force rows is a small part of the step's tolerance, so that they may stop, (H35).
 
-    Tested are the predicted error of the increment and the imbalance of forces before it; the predicted error of the latter
-    is not used where the imbalance is large against the increment.
+    Tested are the predicted error of the increment and, unless the increment is ``exact`` (its matrix is that of its place),
+    the imbalance of forces before it; the predicted error of the latter is not used where it is large against the increment.
     """
     o = part(z, mem.CONSTANTS)
     if not 0.0 < rate < 1.0:
         return False
     enough, size = o[mem.REMAINING] * (1.0 - rate) / rate, share_of_allowed(z, lu)
-    if size > enough:
-        return False
+    if exact or size > enough:
+        return size <= enough
     imbalance(z)
     left = weighted_rms(part(z, mem.CHANGE), part(z, mem.WEIGHTS)) / part(z, mem.ATTEMPT)[mem.ROOT_TOLERANCE]
     return left <= o[mem.REMAINING] or (left <= enough and left <= o[mem.STIFF] * size)

@@ -38,8 +38,8 @@ def renew(z: Any, lu: Any, h: Any, counts: Any) -> Any:
     """Evaluate and factorise the matrix at the iterate into place ``lu``; returns CONVERGED or the reason for failure."""
     counts[mem.JACOBIANS] += 1
     made = part(z, mem.MADE_AT + lu)
-    given = made.size - z.i[mem.SIZE]
-    put(made, put(made, 0, part(z, mem.X)), view(z.w, z.i[2 * mem.STEP], given))
+    before = put(made, put(made, 0, part(z, mem.X)), part(z, mem.PREVIOUS))
+    put(made, before, view(z.w, z.i[2 * mem.STEP], made.size - before))
     ended = inverse_at(z, lu) if z.i[mem.KIND] == mem.KIND_INVERSE else factorise(z, lu)
     counts[mem.FACTORISATIONS] += 1
     record = part(z, mem.RECORD + lu)
@@ -52,9 +52,9 @@ def renew(z: Any, lu: Any, h: Any, counts: Any) -> Any:
 def inverse_at(z: Any, lu: Any) -> Any:
     """Compute a small system's correction at the iterate, and the inverse of its matrix into ``lu``."""
     fresh, sized = part(z, mem.FRESH), z.i[mem.SIZE] + 2
-    x, given = address(z, mem.X), address(z, mem.STEP)
-    call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
-    call(z, mem.C_MATRIX, mem.FRESH, (x, given, address(z, mem.EARLY_MATRIX)))
+    x, previous, given = address(z, mem.X), address(z, mem.PREVIOUS), address(z, mem.STEP)
+    call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, previous, given))
+    call(z, mem.C_MATRIX, mem.FRESH, (x, previous, given, address(z, mem.EARLY_MATRIX)))
     if not finite(fresh):
         return mem.SINGULAR if fresh[fresh.size - 1] < math.inf else mem.NONFINITE
     increment, inverse, maps = part(z, mem.INCREMENT), part(z, mem.INVERSE + lu), part(z, mem.MAPS + lu)
@@ -68,10 +68,10 @@ def inverse_at(z: Any, lu: Any) -> Any:
 def factorise(z: Any, lu: Any) -> Any:
     """Evaluate residual and matrix at the iterate and factorise into ``lu``; returns CONVERGED or the reason for failure."""
     values, computed, targets, size = part(z, mem.VALUES), part(z, mem.COMPUTED), indices(z, mem.TARGETS), z.i[mem.SIZE]
-    x, given = address(z, mem.X), address(z, mem.STEP)
+    x, previous, given = address(z, mem.X), address(z, mem.PREVIOUS), address(z, mem.STEP)
     if z.i[mem.C_EARLY_MATRIX]:
-        call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, given))
-    call(z, mem.C_MATRIX, mem.COMPUTED, (x, given, address(z, mem.EARLY_MATRIX)))
+        call(z, mem.C_EARLY_MATRIX, mem.EARLY_MATRIX, (x, previous, given))
+    call(z, mem.C_MATRIX, mem.COMPUTED, (x, previous, given, address(z, mem.EARLY_MATRIX)))
     if not finite(computed):
         return mem.NONFINITE
     for k in range(targets.size):
@@ -284,7 +284,9 @@ def early(z: Any) -> None:
 
 @compiled
 def step_back(z: Any) -> None:
-    """Subtract the increment from the iterate x."""
-    x, increment = part(z, mem.X), part(z, mem.INCREMENT)
+    """Subtract the increment from the iterate x, which becomes the one before."""
+    x, increment, previous = part(z, mem.X), part(z, mem.INCREMENT), part(z, mem.PREVIOUS)
+    previous[0] = 1.0
+    put(previous, 1, x)
     for i in range(x.size):
         x[i] -= increment[i]
