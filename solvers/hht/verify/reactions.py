@@ -133,9 +133,12 @@ class Noise(NamedTuple):
 
 
 def noise_of(error: Matrix, size: float) -> Noise:
-    """Measures of ``error`` (k, m); second differences over the root of 6 keep the variance of independent noise."""
+    """Measures of ``error`` (k, m); second differences over the root of 6 keep the variance of independent noise.
+
+    The noise of fewer than three rows is NaN.
+    """
     bends = np.diff(error, 2, axis=0) / np.sqrt(6.0)
-    return Noise(*(float(np.sqrt(np.mean(np.sum(x**2, axis=1)))) / size for x in (error, bends)))
+    return Noise(*(float(np.sqrt(np.sum(x**2) / (len(x) or np.nan))) / size for x in (error, bends)))
 
 
 def solved_by(problem: Problem, solver: str, **how: Any) -> Solution:
