@@ -155,7 +155,7 @@ def measured(spec: str, requests: dict[str, dict[str, Any]]) -> dict[tuple[str, 
     for name, request in requests.items():
         for label, method in METHODS.items():
             options = ", ".join(f"{key}={value}" for key, value in method.items())
-            runs[name, label] = readings(solved_by(problem, f"hht({options})", keep_steps=True, **request))
+            runs[name, label] = readings(solved_by(problem, f"hht({options})", **request))
     even = np.linspace(*problem.t_span, RIVAL_ROWS)
     for rival in RIVALS:
         how: dict[str, Any] = {"steps": SCENES[spec][1]} if rival == RIVALS[2] else {"rtol": RIVAL_RTOL}
