@@ -27,7 +27,7 @@ def features(vibration, size=0.5, pace=0.0):
 
 
 def scene(family, number, vibration, ratio=8.0):
-    """``swift`` costs ``ratio`` times as much as ``steady`` where the fastest vibration turns 100 times, else the reverse."""
+    """``swift`` costs ``ratio`` times as much as ``steady`` where a vibration turns 100 times, else the reverse."""
     swift, steady = (ratio, 1.0) if vibration >= 2.0 else (1.0, ratio)
     row = np.array([20.0, 20.0, 20.0, swift, steady])
     costs = np.outer(row, 1e-3 * np.array(ACCURACIES) ** -0.2)
