@@ -11,7 +11,7 @@ import numpy as np
 
 SEED = 1818
 EACH = 2  #: scenes of every family of soft, and of small stiff, mechanisms
-EACH_OF_WING = 4  #: of every family of ``WING``: they are fewer, and a nearest neighbour must be of another family
+EACH_OF_WING = 3  #: of every family of ``WING``: they are fewer, and a nearest neighbour must be of another family
 Range = tuple[float, float]  #: ends of the interval; two whole numbers: a whole number between them, both included
 
 FAMILIES: Mapping[str, Mapping[str, Range]] = {

@@ -35,7 +35,7 @@ def selection_command(**asked: Any) -> Found:
 
     Without --store and --scenes the database of the package is judged, in seconds.
 
-    For example: hhtbench study selection --scenes 106 --store families.sqlite --database mine.json
+    For example: hhtbench study selection --scenes 94 --store families.sqlite --database mine.json
     """
     with ends_at_once():
         from hhtbench.advice.study import study_selection
