@@ -106,17 +106,19 @@ def study_selection(
         return judged(read_database())
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else store
-        rows = (
-            _run(drawn()[:: max(1, len(drawn()) // scenes)][:scenes], file, seconds, jobs, tell, progress)
-            if scenes
-            else load_rows(file)
-        )
+        rows = _run(_evenly(drawn(), scenes), file, seconds, jobs, tell, progress) if scenes else load_rows(file)
     specs = list(dict.fromkeys(row.problem for row in rows))
     tell(f"computing the features of {len(specs)} problems")
     made = reduced(rows, probes_of(specs, jobs or 1, tell))
     if database is not None:
         write_database(made, database, f"hhtbench study selection --scenes {len(specs)} --store FILE --database FILE")
     return judged(made)
+
+
+def _evenly(specs: Sequence[str], count: int) -> Sequence[str]:
+    """Return ``count`` of the specs (or all) at equal distances, so that no family at the end is left out."""
+    kept = min(count, len(specs))
+    return [specs[index * len(specs) // kept] for index in range(kept)]
 
 
 def judged(database: Database) -> Study:
