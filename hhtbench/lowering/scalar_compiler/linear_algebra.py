@@ -33,18 +33,26 @@ def _as_matrices(array: np.ndarray, summed: Any, batch: Any) -> np.ndarray:
     return array.transpose([*batch, *free, *summed]).reshape(sizes)
 
 
-def _product(graph: Graph, x: Ids, y: Ids) -> list[list[int]]:
-    """Products of rows of x with rows of y, summed in order; structural zeros cost nothing."""
-    add, mul = graph.add, graph.mul
-    result = [[ZERO] * len(y) for _ in range(len(x))]
-    for left, right in zip(x.T, y.T, strict=True):
-        columns = np.flatnonzero(right != ZERO).tolist()
-        factors = right.tolist()
-        for i in np.flatnonzero(left != ZERO).tolist():
-            row, factor = result[i], int(left[i])
-            for j in columns:
-                row[j] = add(row[j], mul(factor, factors[j]))
-    return result
+def _product(graph: Graph, x: Ids, y: Ids) -> Ids:
+    """Products of rows of x with rows of y, summed in order; structural zeros cost nothing.
+
+    All first terms of the sums are added together, then all second ones, and so on.
+    """
+    row, term = np.nonzero(x != ZERO)
+    summed, column = np.nonzero(y.T != ZERO)
+    first, count = np.searchsorted(summed, term), np.bincount(summed, minlength=x.shape[1])[term]
+    left = np.repeat(np.arange(term.size), count)  # of the pairs of factors, by row and term
+    right = np.arange(left.size) + (first - np.cumsum(count) + count)[left]
+    place = row[left] * len(y) + column[right]
+    order = np.argsort(place, kind="stable")
+    left, right, place = left[order], right[order], place[order]
+    products = graph.elementwise("mul", x[row, term][left], y[column, summed][right])
+    turn = np.arange(place.size) - np.searchsorted(place, place)
+    result = np.full(len(x) * len(y), ZERO, dtype=np.int64)
+    for k in range(turn.max(initial=-1) + 1):
+        now = np.flatnonzero(turn == k)
+        result[place[now]] = graph.elementwise("add", result[place[now]], products[now])
+    return result.reshape(len(x), len(y))
 
 
 @rule_of_nodes("hhtbench_inverse", numbers=True)
