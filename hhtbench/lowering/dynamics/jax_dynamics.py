@@ -38,6 +38,13 @@ class JaxDynamics(eqx.Module, Dynamics):
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
         return jax.jacfwd(function)(x)
 
+    def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+        s = self.structure
+        if self.gives("force_jacobians") or not (s.force_uses_q and s.force_uses_v):
+            return super().force_jacobians(t, q, v)
+        by_q, by_v = jax.jacfwd(self.force, (1, 2))(t, q, v)
+        return by_q, by_v
+
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
         t = jnp.asarray(t, dtype=float)
         return jax.jvp(function, (t, q), (jnp.ones_like(t), v))[1]
