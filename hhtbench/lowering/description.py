@@ -234,7 +234,7 @@ def _routes(dynamics: Dynamics, t: float, q: Any, v: Any) -> list[Statement]:
     if route_of(dynamics) == "numpy":
         return [_route(dynamics.system)]
     s: Structure = dynamics.structure
-    if too_large(dynamics) is None:
+    if too_large(dynamics, MAX_COMPILED) is None:
         AccelerationLevel(dynamics).terms(t, q, v, np.zeros(s.n + s.m + s.p))
     taken: dict[tuple[str, str], list[str]] = {}
     for choice in routes(dynamics):
@@ -242,7 +242,7 @@ def _routes(dynamics: Dynamics, t: float, q: Any, v: Any) -> list[Statement]:
         functions = taken.setdefault((choice.route, choice.reason), [])
         functions += [choice.function + size] * (choice.function + size not in functions)
     if not taken:
-        return [Statement("route", "xla", ROUTE_TEXTS["xla"], str(too_large(dynamics)))]
+        return [Statement("route", "xla", ROUTE_TEXTS["xla"], str(too_large(dynamics, MAX_COMPILED)))]
     return [
         Statement("route", route, f"{ROUTE_TEXTS[route]}: {', '.join(functions)}", reason)
         for (route, reason), functions in taken.items()
