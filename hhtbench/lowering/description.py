@@ -17,6 +17,7 @@ from hhtbench.lowering import (
     singular_at,
     too_large,
 )
+from hhtbench.lowering.compile.routes import MAX_COMPILED
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.matrix_free import SMALL
 from hhtbench.lowering.dynamics.products import large, matrix_free
