@@ -7,7 +7,7 @@ error of the multipliers of the run at the middle error; then one table of all s
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from tabulate import tabulate
@@ -17,7 +17,7 @@ from hhtbench.campaign.analysis.fronts import Front, campaign_of
 from hhtbench.campaign.store import RunRow, load_rows
 from hhtbench.report.words import seconds, shown
 from tests.performance.wing.beside_exudyn import comparisons
-from tests.performance.wing.verdicts import BEAMS, by_scene, summary, verdicts
+from tests.performance.wing.verdicts import BEAMS, Verdict, by_scene, summary, verdicts
 
 TARGETS = (1e-2, 1e-3, 1e-4)  # scaled errors of q and v
 JUDGED = (1e-2, 1e-3)  # those of the summary
@@ -58,7 +58,7 @@ def pages(rows: Sequence[RunRow]) -> Iterator[str]:
             yield f"Error {target:g}, {who}: {summary(by_scene(found, target))}"
 
 
-def of_scenes(ways, target: float) -> str:
+def of_scenes(ways: Mapping[str, Mapping[str, Verdict]], target: float) -> str:
     """Return the table of all scenes at one error: who is the cheapest, and HHT's factors."""
     lines = []
     for scene in next(iter(ways.values())):

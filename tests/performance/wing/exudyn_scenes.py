@@ -74,7 +74,8 @@ class Theirs:
         rows: list[tuple[float, Vector, Vector]] = []
 
         def keep(mbs: Any, t: float) -> bool:
-            rows.append((t, *(np.array(part()) for part in self.states)))
+            coordinates, velocities = self.states
+            rows.append((t, np.array(coordinates()), np.array(velocities())))
             return True
 
         self.mbs.SetPostStepUserFunction(keep)
