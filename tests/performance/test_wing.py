@@ -47,8 +47,8 @@ def test_scene_of_two_problems_has_its_worse_verdict():
     rows = [*rows_of(SCENES["bushing_chain"][0]), *rows_of(SCENES["bushing_chain"][1], rival=20.0), *rows_of("belt_drive")]
     scenes = by_scene(verdicts(rows, [1e-3]), 1e-3)
     assert {name: one.factor for name, one in scenes.items()} == pytest.approx({"bushing_chain": 2.0, "belt_drive": 4.0})
-    assert summary(scenes).startswith("cheapest of all solvers on 2 of 2 scenes, level on 0 more; the best method")
-    assert "takes 3 times as long" in summary(scenes)
+    assert summary(scenes).startswith("cheapest of all solvers on 2 of 2 scenes, level on 0 more, cheaper than all")
+    assert "no alpha methods on 2; the best of these takes 3 times as long" in summary(scenes)
 
 
 def test_search_finds_the_least_number_of_steps():

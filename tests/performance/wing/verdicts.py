@@ -116,7 +116,7 @@ def by_scene(found: Mapping[Key, Verdict], target: float) -> dict[str, Verdict]:
 
 def summary(scenes: Mapping[str, Verdict]) -> str:
     """State on how many scenes HHT is the cheapest, the median factors, and where it loses to whom."""
-    won = sum(one.won for one in scenes.values())
+    won, ahead = (sum(test(one) for one in scenes.values()) for test in (lambda one: one.won, lambda one: one.factor > 1.0))
     level = [name for name, one in scenes.items() if one.outcome == "level"]
     lost = [f"{name} to {one.winner or 'nobody'}" for name, one in scenes.items() if not one.won and name not in level]
     medians = [
@@ -124,7 +124,7 @@ def summary(scenes: Mapping[str, Verdict]) -> str:
         for names in (set(SCENES), set(BEAMS))
     ]
     return (
-        f"cheapest of all solvers on {won} of {len(scenes)} scenes, level on {len(level)} more; the best method that is no "
-        f"alpha method takes {medians[0]:.3g} times as long (median), on beams {medians[1]:.3g} times. "
+        f"cheapest of all solvers on {won} of {len(scenes)} scenes, level on {len(level)} more, cheaper than all "
+        f"that are no alpha methods on {ahead}; the best of these takes {medians[0]:.3g} times as long (median), on beams {medians[1]:.3g} times. "
         f"It loses: {', '.join(lost) or 'nowhere'}."
     )
