@@ -124,7 +124,7 @@ def summary(scenes: Mapping[str, Verdict]) -> str:
         for names in (set(SCENES), set(BEAMS))
     ]
     return (
-        f"cheapest of all solvers on {won} of {len(scenes)} scenes, level on {len(level)} more, cheaper than all "
-        f"that are no alpha methods on {ahead}; the best of these takes {medians[0]:.3g} times as long (median), on beams {medians[1]:.3g} times. "
-        f"It loses: {', '.join(lost) or 'nowhere'}."
+        f"cheapest of all solvers on {won} of {len(scenes)} scenes, level on {len(level)} more, cheaper than all that are "
+        f"no alpha methods on {ahead}; the best of these takes {medians[0]:.3g} times as long (median), on beams "
+        f"{medians[1]:.3g} times. It loses: {', '.join(lost) or 'nowhere'}."
     )
