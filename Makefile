@@ -3,6 +3,8 @@
 # make bench-chain  whole solves and memory on chains of 1 to 10,000 links, beside Exudyn's
 # make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error:
 #               reports/latest/speed.html, which the report links (a quarter of an hour)
+# make bench-wing  every solver on the flexible, stiff and contact scenes at equal error, beside Exudyn on three of them:
+#               reports/latest/wing.md, figures in reports/latest/wing (a quarter of an hour)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make test-faults  the store and the runner of campaigns under faults: 50 kills, signals, disks that fail, power that is
 #               lost at any write, flipped bits, clocks that jump, workers that hang, abort, flood, leak (needs a C compiler)
@@ -33,7 +35,7 @@ export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/cache/xla
 export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.1
 
 .DELETE_ON_ERROR:
-.PHONY: bench bench-chain bench-engine test test-faults test-slow fuzz validate faults docs pictures loops clean
+.PHONY: bench bench-chain bench-engine bench-wing test test-faults test-slow fuzz validate faults docs pictures loops clean
 
 # The report is written also when a claim fails; the exit code then says so.
 bench: $(STAMP)
@@ -70,6 +72,15 @@ bench-engine: $(STAMP)
 	-@$(PIP) install exudyn==1.13.6
 	@mkdir -p reports/latest
 	$(BIN)/python -m tests.performance.engine $(QUICK)
+
+# The store is new each time: one run measures all.
+bench-wing: $(STAMP)
+	-@$(PIP) install exudyn==1.13.6
+	@mkdir -p reports/latest
+	@rm -f reports/latest/wing.sqlite
+	$(BIN)/hhtbench run --campaign tests/performance/wing/campaign.toml --jobs $(JOBS) --store reports/latest/wing.sqlite
+	$(BIN)/hhtbench report --store reports/latest/wing.sqlite --folder reports/latest/wing
+	$(BIN)/python -m tests.performance.wing reports/latest/wing.sqlite reports/latest/wing.md
 
 validate: $(STAMP)
 	@mkdir -p reports/latest

@@ -274,7 +274,7 @@ def problem(
         observables={"centre": centre, "largest_push": functools.partial(largest_push, system)},
         reference=load_reference("ball_mill", t_end) if published else None,
         sketch=functools.partial(sketch, system),
-        tags=("holonomic", "variable mass", "stiff", "damped"),
+        tags=("holonomic", "variable mass", "stiff", "damped", "contact"),
         good_for="contact and friction in space: balls in a drum on rubber mounts, impacts short against the motion",
         source=SOURCE,
     )

@@ -271,7 +271,7 @@ def problem(
         observables={"wheel_speeds": wheel_speeds, "largest_push": functools.partial(largest_push, system)},
         reference=load_reference("band_track", t_end) if published else None,
         sketch=functools.partial(sketch, radius, pitch),
-        tags=("holonomic", "stiff", "damped", *(("large",) if 3 * count + 6 >= LARGE else ())),
+        tags=("holonomic", "stiff", "damped", "contact", *(("large",) if 3 * count + 6 >= LARGE else ())),
         good_for="what engineers take HHT for: stiff damped bushings, many contacts with friction and slow motion at once",
         source=SOURCE,
     )

@@ -265,7 +265,10 @@ def problem(
         observables={"rates_of_wheels": rates_of_wheels, "torque": torque},
         reference=load_reference("belt_drive", t_end) if published else None,
         sketch=functools.partial(sketch, R, distance, length),
-        tags=("holonomic", "rheonomic", "flexible", "stiff", "damped", *(("large",) if q0.size >= LARGE else ())),
+        tags=(
+            *("holonomic", "rheonomic", "flexible", "stiff", "damped", "contact"),
+            *(("large",) if q0.size >= LARGE else ()),
+        ),
         good_for="friction that drives: a belt sticks and creeps on its wheels while fast damping wants an implicit method",
         source=SOURCE,
     )

@@ -212,7 +212,7 @@ def problem(
         observables={"lift": lift, "push": functools.partial(push, system)},
         reference=load_reference("cam_follower", t_end) if published else None,
         sketch=functools.partial(sketch, radius, ecc, radius + values["backlash"] / 2),
-        tags=("holonomic", "rheonomic", "stiff", "damped"),
+        tags=("holonomic", "rheonomic", "stiff", "damped", "contact"),
         good_for="impacts across backlash in a mechanism with constraints, seen in the drive's multiplier and in the energy",
         source=SOURCE,
     )

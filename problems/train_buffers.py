@@ -165,7 +165,7 @@ def problem(
         observables={"last_speed": last_speed, "largest_push": functools.partial(largest_push, system)},
         reference=load_reference("train_buffers", t_end) if published else None,
         sketch=functools.partial(sketch, values["run"], PITCH / 5),
-        tags=("unconstrained", "damped", *(("large",) if n >= LARGE else ())),
+        tags=("unconstrained", "damped", "contact", *(("large",) if n >= LARGE else ())),
         good_for="contacts that open and close one after the other, between them free motion: does the step follow them",
         source=SOURCE,
     )

@@ -96,9 +96,13 @@ def test_the_rope_of_the_first_page_carries_the_load_at_the_start(capsys, monkey
 
 
 def test_the_pin_of_the_page_carries_a_quarter_of_the_weight_and_then_two_and_a_half_times_it(capsys):
-    force, weight = run_page("joint_forces.md")["force"], 2.0 * 9.81
+    scope, weight = run_page("joint_forces.md"), 2.0 * 9.81
+    force = scope["force"]
     np.testing.assert_allclose(force[0], [0.0, weight / 4], atol=1e-9)
     np.testing.assert_allclose(np.linalg.norm(force, axis=1).max(), 2.5 * weight, rtol=1e-4)
+    rows, means, damped_rows, damped_means = [float(x) for x in re.findall(r"([\d.]+) of 9", capsys.readouterr().out)]
+    assert means < rows / 5  # a tenth
+    assert damped_means < damped_rows < rows / 5
 
 
 def test_the_bead_of_the_page_moves_as_its_equation_of_the_angle_says(capsys):

@@ -10,7 +10,8 @@ from collections.abc import Mapping
 import numpy as np
 
 SEED = 1818
-EACH = 4  #: scenes of every family
+EACH = 2  #: scenes of every family of soft, and of small stiff, mechanisms
+EACH_OF_WING = 3  #: of every family of ``WING``: they are fewer, and a nearest neighbour must be of another family
 Range = tuple[float, float]  #: ends of the interval; two whole numbers: a whole number between them, both included
 
 FAMILIES: Mapping[str, Mapping[str, Range]] = {
@@ -44,17 +45,46 @@ FAMILIES: Mapping[str, Mapping[str, Range]] = {
     "stiff_spring_pendulum": {"stiffness": (1e3, 1e6), "m2": (0.3, 3.0), "t_end": (0.3, 2.0)},
     "sundials_slider_crank": {"F": (0.3, 3.0), "k": (0.3, 3.0), "c": (0.1, 2.0), "t_end": (3.0, 15.0)},
 }
+WING: Mapping[
+    str, Mapping[str, Range]
+] = {  # flexible, stiff and contact scenes; small, so that two methods agree in seconds
+    "ball_mill": {"n_balls": (1, 2), "k": (1e5, 1e7), "push": (500.0, 2000.0), "t_end": (0.01, 0.04)},
+    "band_track": {"n_wrap": (3, 5), "n_free": (2, 4), "c": (3e3, 3.5e6), "Om": (5.0, 20.0), "t_end": (0.02, 0.1)},
+    "belt_drive": {"n_elements": (8, 10), "damping": (4.0, 80.0), "k": (1e5, 2.5e6), "t_end": (0.01, 0.04)},
+    "bushing_chain": {"n_bars": (3, 20), "k": (1e6, 1e8), "c": (3e3, 3.5e6), "t_end": (0.1, 1.0)},
+    "cable_pendulum": {
+        "n_elements": (2, 5),
+        "EA": (300.0, 3e3),
+        "EI": (0.05, 2.0),
+        "damping": (0.3, 10.0),
+        "t_end": (0.1, 0.3),
+    },
+    "cam_follower": {"backlash": (1e-4, 1e-3), "Om": (20.0, 60.0), "k": (1e6, 1e8), "t_end": (0.05, 0.2)},
+    "falling_net": {"n_side": (3, 4), "EA": (1e4, 1e6), "damping": (10.0, 400.0), "t_end": (0.2, 0.8)},
+    "flexible_crank": {"n_elements": (2, 4), "Om": (50.0, 200.0), "beta": (1e-6, 1e-4), "t_end": (0.01, 0.05)},
+    "mooring_line": {
+        "n_segments": (5, 15),
+        "EA": (1e6, 2e8),
+        "zeta": (0.3, 1.0),
+        "period": (4.0, 10.0),
+        "t_end": (1.0, 4.0),
+    },
+    "right_angle_cantilever": {"n_elements": (1, 2), "EI": (500.0, 5e3), "peak": (10.0, 60.0), "t_end": (1.0, 3.0)},
+    "spinup_beam": {"n_elements": (2, 8), "rate": (2.0, 6.0), "spin_up": (5.0, 15.0), "t_end": (1.0, 4.0)},
+    "train_buffers": {"n_wagons": (3, 10), "k": (2e6, 1e8), "speed": (0.5, 3.0), "t_end": (1.0, 3.0)},
+}
 WIDE = 10.0  # ranges whose ends differ by a larger factor are drawn log-uniformly
 
 
-def drawn(seed: int = SEED, each: int = EACH) -> tuple[str, ...]:
-    """Return specs of ``each`` random scenes of every family, reproducible by ``seed``."""
+def drawn(seed: int = SEED) -> tuple[str, ...]:
+    """Return specs of ``EACH`` random scenes of every family and ``EACH_OF_WING`` of the wing, reproducible by ``seed``."""
     random = np.random.default_rng(seed)
     specs = []
-    for family, ranges in FAMILIES.items():
-        for _ in range(each):
-            values = ", ".join(f"{name}={_value(random, *ends)}" for name, ends in ranges.items())
-            specs.append(f"{family}({values})")
+    for families, each in ((FAMILIES, EACH), (WING, EACH_OF_WING)):
+        for family, ranges in families.items():
+            for _ in range(each):
+                values = ", ".join(f"{name}={_value(random, *ends)}" for name, ends in ranges.items())
+                specs.append(f"{family}({values})")
     return tuple(specs)
 
 

@@ -1,4 +1,4 @@
-"""Features of a problem before any solve: sizes, kinds of constraints, its fastest mode, the time scale of its motion."""
+"""Features of a problem before any solve: sizes, kinds of constraints, fastest vibration and decay, pace of the motion."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ import numpy as np
 
 from hhtbench.lowering import derive
 from hhtbench.lowering.equations import Equations
+from hhtbench.lowering.rates import fastest_rates
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError, Stop
 from hhtbench.protocol.system import Problem
 
 MOMENTS = (0.1, 0.4)  # shares of the interval: later times at which forces are evaluated in the state of the start
 MIN_TURNS = 1e-3  # smallest number of turns in the interval; slower motions count as this
+MIN_SHARE = 1e-4  # smallest share of the fastest vibrations: below it they pass unseen at the errors engineers ask for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,9 +29,10 @@ class Features:
     velocity: float  #: p / n
     redundant: float  #: 1 where rows of the constraints depend on others at the start
     variable_mass: float  #: 1 where the mass depends on t or q
-    fastest: float  #: log of the turns (or times 2 pi, decays) of the fastest mode in the interval; at least ``pace``
+    vibration: float  #: log of the turns of the fastest vibration in the interval; at least ``pace``
+    decay: float  #: log of the times, over 2 pi, that the fastest damper halts a motion in the interval; at least ``pace``
     pace: float  #: log of the turns of the motion itself, from its rate at the start
-    damping: float  #: damping ratio of the fastest mode, 0 (oscillation) to 1 (decay)
+    share: float  #: log of the velocity in the fastest vibrations over the scale of v; 0 where the motion is as fast
 
     @property
     def vector(self) -> Vector:
@@ -38,14 +41,17 @@ class Features:
 
     @property
     def stiffness(self) -> float:
-        """Ratio of the rate of the fastest mode to that of the motion."""
-        return 10.0 ** (self.fastest - self.pace)
+        """Ratio of the fastest rate, of vibration or decay, to that of the motion."""
+        return 10.0 ** (max(self.vibration, self.decay) - self.pace)
 
     def __str__(self) -> str:
         kinds = [f"m/n = {self.position:.2g}"] * (self.position > 0) + [f"p/n = {self.velocity:.2g}"] * (self.velocity > 0)
         kinds += ["redundant rows"] * (self.redundant > 0) + ["variable mass"] * (self.variable_mass > 0)
         text = f"n = {10**self.size:.0f}, {', '.join(kinds) or 'no constraints'}"
-        return f"{text}, fastest mode {10**self.fastest:.2g} turns, {self.stiffness:.2g} times the motion's pace"
+        share = f" (with {10**self.share:.1g} of the speed)" * (self.vibration > self.pace)
+        decay = f", fastest decay {2 * math.pi * 10**self.decay:.2g} times" * (self.decay > self.pace)
+        motion = f"of the motion {10**self.pace:.2g}"
+        return f"{text}, fastest vibration {10**self.vibration:.2g} turns{share}, {motion}{decay}"
 
 
 NAMES = tuple(field.name for field in fields(Features))
@@ -61,7 +67,7 @@ class Probe:
 
 
 def probe(problem: Problem) -> Probe:
-    """Compute the features of ``problem`` at its start, by :data:`~hhtbench.lowering.equations.POWERS` + 3 accelerations.
+    """Compute the features of ``problem`` at its start, by 2 :data:`~hhtbench.lowering.rates.POWER_STEPS` + 5 accelerations.
 
     Raises
     ------
@@ -73,7 +79,7 @@ def probe(problem: Problem) -> Probe:
         at_start = equations.acceleration(t0, problem.q0, problem.v0)
         began = time.process_time()
         later = [equations.acceleration(t0 + share * (t1 - t0), problem.q0, problem.v0) for share in MOMENTS]
-        fastest, damping = equations.fastest_mode(at_start)
+        rates = fastest_rates(equations, at_start)
         seconds = time.process_time() - began
     except Stop as stop:
         raise ProblemError(f"{problem.name} has no features: {stop}.") from stop
@@ -86,9 +92,10 @@ def probe(problem: Problem) -> Probe:
         velocity=equations.p / n,
         redundant=float(bool(equations.redundant)),
         variable_mass=float(structure.mass == "variable"),
-        fastest=max(_turns(fastest, span), pace),
+        vibration=(vibration := max(_turns(rates.vibration, span), pace)),
+        decay=max(_turns(rates.decay, span), pace),
         pace=pace,
-        damping=damping,
+        share=math.log10(min(max(rates.share, MIN_SHARE), 1.0)) if vibration > pace else 0.0,
     )
     return Probe(features=found, evaluations=equations.work.tally["residual_evaluations"], seconds=seconds)
 

@@ -8,15 +8,29 @@ import numpy as np
 
 from hhtbench.advice.criteria import Criteria
 from hhtbench.advice.database import ACCURACIES, HELD, Database
-from hhtbench.advice.features import Features
+from hhtbench.advice.features import NAMES, Features
 from hhtbench.protocol.arguments import Matrix, Vector
 
-NEIGHBOURS = 10
-PRIOR = 10.0  # weight of the mean over all scenes, in neighbours: neighbours alone do worse than the overall best
-REACH = 0.9  # quantile of distances between a scene and the nearest of another family: no advice beyond it
+NEIGHBOURS = 5  # more would reach from few flexible scenes into the soft ones, where others win
+PRIOR = 1.0  # weight of the mean over all scenes, in neighbours: it breaks ties
+REACH = 1.0  # quantile of distances between a scene and the nearest of another family: no advice beyond it
+WEIGHTS = {  # of a feature's standard deviation: what is stiff decides, what the equations look like hardly
+    "size": 0.5,
+    "position": 0.25,
+    "velocity": 0.25,
+    "redundant": 0.25,
+    "variable_mass": 0.25,
+    "vibration": 2.0,
+    "decay": 1.0,
+    "pace": 0.5,
+    "share": 1.0,
+}
+STIFFEST = (
+    4.0  # log of a rate over the motion's from which all are alike: explicit steps are out, implicit ones do not see it
+)
 LOST = 30.0  # cost ratio counted for a neighbour on which a solver does not reach the error
 TWICE = 2.0  # a neighbour supports a solver up to this ratio to the cheapest
-AGREED = 0.8  # share of the neighbours that must support the choice
+AGREED = 0.4  # share of the neighbours that must support the choice
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +65,7 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Space:
-    """Features of a database's scenes, each divided by its standard deviation."""
+    """Features of a database's scenes by :func:`compared`, each divided by its standard deviation and weighted."""
 
     points: Matrix  #: (scenes, features)
     centre: Vector
@@ -61,9 +75,10 @@ class Space:
     @classmethod
     def of(cls, database: Database) -> Space:
         """Standardise the features of ``database``; the reach is a quantile of distances between families."""
-        centre, spread = database.points.mean(axis=0), database.points.std(axis=0)
-        spread = np.where(spread > 0, spread, 1.0)
-        points = (database.points - centre) / spread
+        points = compared(database.points)
+        centre, spread = points.mean(axis=0), points.std(axis=0)
+        spread = np.where(spread > 0, spread, 1.0) / np.array([WEIGHTS[name] for name in NAMES])
+        points = (points - centre) / spread
         families = np.array([scene.family for scene in database.scenes])
         apart = np.linalg.norm(points[:, None] - points, axis=2)
         apart[families[:, None] == families] = np.inf
@@ -73,7 +88,15 @@ class Space:
 
     def distances(self, features: Features) -> Vector:
         """Return the distances from ``features`` to every scene, (scenes,)."""
-        return np.linalg.norm(self.points - (features.vector - self.centre) / self.spread, axis=1)
+        return np.linalg.norm(self.points - (compared(features.vector) - self.centre) / self.spread, axis=1)
+
+
+def compared(points: Matrix) -> Matrix:
+    """Return features (..., features) with the rates of vibration and decay over the motion's, at most ``STIFFEST``."""
+    found, pace = np.array(points), points[..., NAMES.index("pace")]
+    for name in ("vibration", "decay"):
+        found[..., NAMES.index(name)] = np.minimum(found[..., NAMES.index(name)] - pace, STIFFEST)
+    return found
 
 
 def expected(database: Database, space: Space, features: Features, criteria: Criteria) -> Expectation:

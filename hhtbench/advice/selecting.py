@@ -239,8 +239,8 @@ def _outside(problem: Problem, criteria: Criteria) -> str:
 def _text(found: Expectation, criteria: Criteria) -> str:
     (first, own), *others = found.order
     text = (
-        f"Take {first}: on the {len(found.neighbours)} most similar known problems and, with equal weight, on all it costs "
-        f"{own:.2g} times the least {criteria.on} in the mean at {_compared(criteria)}; "
+        f"Take {first}: on the {len(found.neighbours)} most similar known problems (the mean of all counts as one more) it "
+        f"costs {own:.2g} times the least {criteria.on} in the mean at {_compared(criteria)}; "
     )
     return text + (f"the second choice, {others[0][0]}, {others[0][1]:.2g} times." if others else "no other is known.")
 

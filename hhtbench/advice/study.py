@@ -14,7 +14,7 @@ from tabulate import tabulate
 
 from hhtbench.advice.candidates import CANDIDATES, campaign_for
 from hhtbench.advice.criteria import Criteria
-from hhtbench.advice.database import HELD, Database, Scene, read_database, reduced, write_database
+from hhtbench.advice.database import ACCURACIES, HELD, Database, Scene, read_database, reduced, write_database
 from hhtbench.advice.families import drawn
 from hhtbench.advice.features import Probe, probe
 from hhtbench.advice.regret import Line, judge
@@ -29,8 +29,8 @@ from hhtbench.protocol.errors import ProblemError
 from hhtbench.runtime.processes import worker_processes
 
 RULES: dict[str, Any] = {  # rules of the campaign over the drawn scenes
-    "accuracies": (1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6),
-    "refinements": 12,
+    "accuracies": ACCURACIES,
+    "refinements": 10,
     "repeats": 2,
     "counting": False,
     "reference": "auto",
@@ -72,7 +72,7 @@ def study_selection(
     *,
     store: Path | None = None,
     scenes: int | None = None,
-    seconds: float = 2.0,
+    seconds: float = 1.0,
     jobs: int | None = None,
     database: Path | None = None,
     tell: Callable[[str], None] = lambda text: None,
@@ -106,17 +106,19 @@ def study_selection(
         return judged(read_database())
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "runs.sqlite" if store is None else store
-        rows = (
-            _run(drawn()[:: max(1, len(drawn()) // scenes)][:scenes], file, seconds, jobs, tell, progress)
-            if scenes
-            else load_rows(file)
-        )
+        rows = _run(_evenly(drawn(), scenes), file, seconds, jobs, tell, progress) if scenes else load_rows(file)
     specs = list(dict.fromkeys(row.problem for row in rows))
     tell(f"computing the features of {len(specs)} problems")
     made = reduced(rows, probes_of(specs, jobs or 1, tell))
     if database is not None:
         write_database(made, database, f"hhtbench study selection --scenes {len(specs)} --store FILE --database FILE")
     return judged(made)
+
+
+def _evenly(specs: Sequence[str], count: int) -> Sequence[str]:
+    """Return ``count`` of the specs (or all) at equal distances, so that no family at the end is left out."""
+    kept = min(count, len(specs))
+    return [specs[index * len(specs) // kept] for index in range(kept)]
 
 
 def judged(database: Database) -> Study:

@@ -27,7 +27,7 @@ def study_command() -> None:
 @click.option(
     "--scenes", type=click.IntRange(min=3), help="Run that many of the drawn scenes.  [default: what the store holds]"
 )
-@click.option("--seconds", type=float, default=2.0, show_default=True, help="Of each solver on each scene [s].")
+@click.option("--seconds", type=float, default=1.0, show_default=True, help="Of each solver on each scene [s].")
 @jobs_option
 @click.option("--database", type=NEW_FILE, help="Write the rows, reduced, to this file for select.")
 def selection_command(**asked: Any) -> Found:
@@ -35,7 +35,7 @@ def selection_command(**asked: Any) -> Found:
 
     Without --store and --scenes the database of the package is judged, in seconds.
 
-    For example: hhtbench study selection --scenes 116 --store families.sqlite --database mine.json
+    For example: hhtbench study selection --scenes 94 --store families.sqlite --database mine.json
     """
     with ends_at_once():
         from hhtbench.advice.study import study_selection

@@ -17,6 +17,7 @@ from hhtbench.lowering import (
     singular_at,
     too_large,
 )
+from hhtbench.lowering.compile.routes import MAX_COMPILED
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.matrix_free import SMALL
 from hhtbench.lowering.dynamics.products import large, matrix_free
@@ -234,7 +235,7 @@ def _routes(dynamics: Dynamics, t: float, q: Any, v: Any) -> list[Statement]:
     if route_of(dynamics) == "numpy":
         return [_route(dynamics.system)]
     s: Structure = dynamics.structure
-    if too_large(dynamics) is None:
+    if too_large(dynamics, MAX_COMPILED) is None:
         AccelerationLevel(dynamics).terms(t, q, v, np.zeros(s.n + s.m + s.p))
     taken: dict[tuple[str, str], list[str]] = {}
     for choice in routes(dynamics):
@@ -242,7 +243,7 @@ def _routes(dynamics: Dynamics, t: float, q: Any, v: Any) -> list[Statement]:
         functions = taken.setdefault((choice.route, choice.reason), [])
         functions += [choice.function + size] * (choice.function + size not in functions)
     if not taken:
-        return [Statement("route", "xla", ROUTE_TEXTS["xla"], str(too_large(dynamics)))]
+        return [Statement("route", "xla", ROUTE_TEXTS["xla"], str(too_large(dynamics, MAX_COMPILED)))]
     return [
         Statement("route", route, f"{ROUTE_TEXTS[route]}: {', '.join(functions)}", reason)
         for (route, reason), functions in taken.items()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,9 +24,6 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock, Work
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import DenseOutput, Solution, Status
-
-POWER_STEPS = 12  # steps of the power iteration: they give the fastest mode to some percent
-PERTURBATION = 1e-6  # increment of the state for a difference, relative to the scales
 
 
 class Equations:
@@ -99,38 +95,6 @@ class Equations:
         if limit is not None and spent >= limit:
             raise BudgetSpent("evaluations", limit)
         return self._solved(t, q, v).vdot
-
-    def fastest_mode(self, at_start: Vector) -> tuple[float, float]:
-        """Magnitude [1/s] and damping ratio (0 oscillates, 1 decays) of the largest eigenvalue of y' = (v, vdot) initially.
-
-        Power iteration from ``at_start`` (n,), the acceleration there.  A complex pair makes the vector rotate; the last
-        three vectors determine it: x'' = s x' - p x with s the sum and p the product of the pair.
-
-        Raises
-        ------
-        Stop
-            As :meth:`acceleration`.
-        """
-        problem, n = self.problem, self.n
-        scale = float(np.max(np.asarray(problem.scales.q)))
-
-        def moved(x: Vector) -> Vector:
-            length = PERTURBATION * scale / max(float(np.max(np.abs(x))), 1e-300)
-            there = self.acceleration(problem.t_span[0], problem.q0 + length * x[:n], problem.v0 + length * x[n:])
-            return np.concatenate([x[n:], (there - at_start) / length])
-
-        x = np.random.default_rng(0).standard_normal(2 * n)
-        before, now = x, moved(x)
-        for _ in range(POWER_STEPS - 2):
-            size = float(np.linalg.norm(now))
-            if size == 0.0 or not math.isfinite(size):
-                return 0.0, 0.0
-            before, now = now / size, moved(now / size)
-        (total, product), *_ = np.linalg.lstsq(np.stack([now, -before], axis=1), moved(now), rcond=None)
-        roots = np.roots([1.0, -total, product])
-        largest = roots[np.argmax(np.abs(roots))]
-        size = float(np.abs(largest))
-        return size, float(abs(largest.real) / size) if size else 0.0
 
     def constraints(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
         """Both constraint levels: ``g`` (m,), and ``g_t + g_q v`` followed by ``k`` (m + p,)."""

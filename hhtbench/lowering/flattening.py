@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable
+from functools import partial
 from typing import Any, Concatenate, NamedTuple, TypeVar
 
 import equinox as eqx
@@ -48,6 +49,16 @@ def flat_function(function: Callable[Concatenate[Tree, ...], Any], tree: Tree, *
 def jitted(flat: Flat) -> Any:
     """``jax.jit`` of a flat function, shared by equal keys."""
     return _jitted.find(flat.key, lambda: jax.jit(flat.function))
+
+
+def traced_once(tree: Any, method: str) -> Callable[..., Any]:
+    """The ``method`` of a pytree of parameters, traced once, and so differentiated once, for all functions that call it."""
+    arrays, rest = eqx.partition(tree, eqx.is_inexact_array)
+
+    def of_arrays(arrays: Any, *arguments: Any) -> Any:
+        return getattr(eqx.combine(arrays, rest), method)(*arguments)
+
+    return partial(_jitted.find((method, _signature(rest)), lambda: jax.jit(of_arrays)), arrays)
 
 
 def _flatten(tree: Any) -> _Flattened:

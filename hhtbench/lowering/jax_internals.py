@@ -12,7 +12,13 @@ from jax._src import source_info_util
 from jax.extend.core import ClosedJaxpr, Literal, Primitive
 from jax.interpreters import ad, batching, mlir, partial_eval
 
-__all__ = ["ClosedJaxpr", "Literal", "Primitive", "ad", "batching", "line_of", "mlir", "used_inputs"]
+__all__ = ["ClosedJaxpr", "Literal", "Primitive", "ad", "batching", "line_of", "mlir", "used_inputs", "without_dead_code"]
+
+
+def without_dead_code(closed: ClosedJaxpr) -> ClosedJaxpr:
+    """The computation without equations that no output needs, such as values beside their derivatives; same inputs."""
+    jaxpr, _ = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
+    return ClosedJaxpr(jaxpr, closed.consts)
 
 
 def used_inputs(jaxpr: Any) -> Sequence[bool]:

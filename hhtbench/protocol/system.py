@@ -113,6 +113,7 @@ TAGS = (  # kinds of problems, for choosing among them
     "nonlinear reaction",
     "variable mass",
     "damped",
+    "contact",
     "large",
 )
 PATTERNS = {  # what ``sparsity`` may hold and its sizes: patterns of M and of derivatives of F, g, k, Q and M x

@@ -33,8 +33,8 @@ def reading(campaign: Campaign) -> str:
         f"reach. {EQUAL.capitalize()}: two times differ by no more than repeats of one solve, {repeats(campaign.level)}. "
         f"The last columns name the cheapest solver that {KEPT_BY}, and its factor. \N{LESS-THAN OR EQUAL TO}: the run is "
         "more accurate than asked, so the cost at this error is at most this; \N{GREATER-THAN OR EQUAL TO}: this holds for "
-        "the cheapest, so the factor is at least this; \N{ALMOST EQUAL TO}: for both. A problem is stiff where its author "
-        "says so; held-out problems played no part in the choice of default settings."
+        "the cheapest, so the factor is at least this; \N{ALMOST EQUAL TO}: for both. Vibrations, dampers and contact are "
+        "stiff where a problem's author says so; held-out problems played no part in the choice of default settings."
     )
 
 

@@ -8,9 +8,10 @@ from collections.abc import Collection, Mapping, Sequence
 from hhtbench.campaign.analysis.cells import SUBJECT, family
 from hhtbench.campaign.analysis.decision import Choice, Ratio, SolverCosts
 from hhtbench.campaign.analysis.fronts import STEADY
-from hhtbench.campaign.analysis.kinds import CONSTRAINTS, Kind
+from hhtbench.campaign.analysis.kinds import CONSTRAINTS, CONTACT, DAMPERS, SMOOTH, UNTOLD, VIBRATIONS, Kind
 from hhtbench.campaign.analysis.missing import NOT_RUN
 from hhtbench.report.decisions import Choices, basis, best_subject, ranked, reach_of, same_cost, why
+from hhtbench.report.methods import by_method
 from hhtbench.report.words import KINDS, listed, plural
 
 USUAL_ERROR = 1e-4
@@ -21,11 +22,19 @@ SCENES = {
     CONSTRAINTS[False, True]: "rolling or skating contacts",
     CONSTRAINTS[False, False]: "unconstrained systems",
 }
-FORCES = {False: " with smooth forces", True: " with stiff forces", None: ""}
+FORCES = {
+    SMOOTH: " with smooth forces",
+    VIBRATIONS: " with stiff vibrations",
+    DAMPERS: " with stiff dampers",
+    CONTACT: " with contact",
+    UNTOLD: "",
+}
 
 
 def recommendations(choices: Choices, level: float, held_out: Collection[str]) -> tuple[str, ...]:
-    """A sentence or two for each kind of problem, at one error; then when not to take the winner."""
+    """When to take which kind of method, by all rows of the table; a sentence or two for each kind of problem, at one
+    error; then when not to take the winner.
+    """
     found, steady = choices["time", None], choices["time", STEADY]
     targets = sorted({choice.target for choice in found})
     if not targets:
@@ -34,7 +43,7 @@ def recommendations(choices: Choices, level: float, held_out: Collection[str]) -
     kept = {choice.kind: choice for choice in steady if choice.target == usual}
     own = [choice for choice in found if choice.target == usual]
     sentences = [_sentence(choice, kept.get(choice.kind), level, held_out) for choice in own]
-    return (*sentences, *_exceptions(found, steady, level))
+    return (*by_method(found, _scene, _power), *sentences, *_exceptions(found, steady, level))
 
 
 def _power(value: float) -> str:
@@ -44,7 +53,7 @@ def _power(value: float) -> str:
 
 def _scene(kind: Kind) -> str:
     nonlinear = " and reactions nonlinear in the multipliers" * kind.nonlinear
-    return SCENES.get(kind.constraints, "problems of unknown constraints") + FORCES[kind.stiff] + nonlinear
+    return SCENES.get(kind.constraints, "problems of unknown constraints") + FORCES[kind.forces] + nonlinear
 
 
 def _sentence(choice: Choice, steady: Choice | None, level: float, held_out: Collection[str]) -> str:

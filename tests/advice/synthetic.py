@@ -12,26 +12,27 @@ from hhtbench.campaign.machine import clock_of, machine_facts
 ENTRIES = ("ida(form=ggl)", "scipy(method=DOP853)", "scipy(method=Radau)", "swift", "steady")
 
 
-def features(fastest, size=0.5, pace=0.0):
+def features(vibration, size=0.5, pace=0.0):
     return Features(
         size=size,
         position=0.5,
         velocity=0.0,
         redundant=0.0,
         variable_mass=0.0,
-        fastest=fastest,
+        vibration=vibration,
+        decay=pace,
         pace=pace,
-        damping=0.0,
+        share=0.0,
     )
 
 
-def scene(family, number, fastest, ratio=8.0):
-    """``swift`` costs ``ratio`` times as much as ``steady`` where the fastest mode makes 100 turns, else the reverse."""
-    swift, steady = (ratio, 1.0) if fastest >= 2.0 else (1.0, ratio)
+def scene(family, number, vibration, ratio=8.0):
+    """``swift`` costs ``ratio`` times as much as ``steady`` where a vibration turns 100 times, else the reverse."""
+    swift, steady = (ratio, 1.0) if vibration >= 2.0 else (1.0, ratio)
     row = np.array([20.0, 20.0, 20.0, swift, steady])
     costs = np.outer(row, 1e-3 * np.array(ACCURACIES) ** -0.2)
     table = {(measure, bound): costs * (1.0 if measure == "time" else 1e5) for measure in MEASURES for bound in HELD}
-    return Scene(f"{family}(k={number})", features(fastest), table, 10, 1e-6)
+    return Scene(f"{family}(k={number})", features(vibration), table, 10, 1e-6)
 
 
 def database(families=8, each=3, **changes):

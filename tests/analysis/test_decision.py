@@ -7,11 +7,11 @@ import pytest
 
 from hhtbench.campaign.analysis import decide, drift_costs, kinds
 from hhtbench.campaign.analysis.fronts import BOUNDS
-from hhtbench.campaign.analysis.kinds import Kind
+from hhtbench.campaign.analysis.kinds import SMOOTH, Kind
 from tests.analysis.laws import failed, ladder, law, run
 from tests.report.synthetic import rows as campaign
 
-NOT_STIFF = Kind(constraints="position constraints", stiff=False)
+NOT_STIFF = Kind(constraints="position constraints", forces=SMOOTH)
 ALL = {NOT_STIFF: ("pendulum", "andrews")}
 
 
@@ -132,7 +132,7 @@ def test_kinds_are_those_of_the_problem_mixed_ones_and_those_where_every_run_fai
         "pendulum": "position constraints, nonlinear reaction, not stiff",
         "ball": "position and velocity constraints, not stiff",
         "knife": "velocity constraints, not stiff",
-        "chain": "no constraints, stiff",
+        "chain": "no constraints, stiff vibrations",
         "broken": "constraints not recorded, not stiff",
         "crashed": "constraints not recorded, stiffness not recorded",
     }
@@ -143,4 +143,19 @@ def test_a_row_that_knows_less_of_its_problem_does_not_hide_one_that_knows_more(
     rows = [failed("ida", 10.0**-k) for k in range(3)]
     rows[0].metrics["system"] = {"n": 2, "m": 1, "p": 0, "tags": ["stiff"]}
     rows[1].metrics["system"] = {"n": 2, "m": None, "p": None, "tags": ["stiff"]}
-    assert [kind.text for kind in kinds([rows[k] for k in order])] == ["position constraints, stiff"]
+    assert [kind.text for kind in kinds([rows[k] for k in order])] == ["position constraints, stiff vibrations"]
+
+
+@pytest.mark.parametrize(
+    ("tags", "forces"),
+    [
+        (["damped"], "not stiff"),
+        (["flexible"], "stiff vibrations"),
+        (["stiff", "damped"], "stiff dampers"),
+        (["stiff", "damped", "contact"], "contact"),
+    ],
+)
+def test_beams_bushings_and_contact_are_kinds_of_their_own(tags, forces):
+    row = failed("ida", 1e-3)
+    row.metrics["system"] = {"n": 2, "m": 0, "p": 0, "tags": tags}
+    assert [kind.text for kind in kinds([row])] == [f"no constraints, {forces}"]

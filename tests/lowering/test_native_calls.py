@@ -144,10 +144,10 @@ def test_an_unknown_primitive_falls_back_with_its_line():
 
 
 def test_large_systems_are_left_to_xla():
-    q = np.ones(100)
+    q = np.ones(300)
     dynamics = derive(Spring(), 0.0, q, q)
     compile_function(force_of, dynamics)(0.0, q, q)
-    assert "n + m + p = 100" in routes(dynamics)[0].reason
+    assert "n + m + p = 300" in routes(dynamics)[0].reason
 
 
 def test_xla_can_be_asked_for():

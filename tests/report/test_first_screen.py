@@ -7,7 +7,7 @@ import pytest
 
 from hhtbench.campaign import analysis
 from hhtbench.campaign.analysis.fronts import Campaign
-from hhtbench.campaign.analysis.kinds import Kind
+from hhtbench.campaign.analysis.kinds import SMOOTH, VIBRATIONS, Kind
 from hhtbench.report import write_comparison
 from hhtbench.report.atlas import DECLINED, SILENT, failure_atlas
 from hhtbench.report.chart import draw
@@ -22,7 +22,7 @@ from hhtbench.report.words import AT_MOST, NOTHING, short, times, work
 from tests.analysis.laws import failed, ladder, law, run
 from tests.report.conftest import COMMAND
 
-KIND = Kind(constraints="position constraints", stiff=False)
+KIND = Kind(constraints="position constraints", forces=SMOOTH)
 WHOLE = Campaign(level=1.5, targets=(1e-2, 1e-3, 1e-4))
 
 
@@ -187,12 +187,12 @@ def test_sentences_say_where_hht_is_not_known_to_reach_an_error_and_what_it_reac
 def test_a_sentence_says_when_not_to_take_the_solver_that_is_cheapest_most_often():
     rows = [*law("scipy", 100.0, 2), *law("hht", 1000.0, 2), *law("rattle", 400.0, 1, (1e-1, 1e-2))]
     assert "scipy is the cheapest in 2 of 2 rows of the table, and no row speaks against it." in said(rows)
-    stiff = Kind(constraints="position constraints", stiff=True)
+    stiff = Kind(constraints="position constraints", forces=VIBRATIONS)
     rows += [*law("hht", 100.0, 2, problem="andrews"), failed("scipy", 1e-4, "declined", problem="andrews")]
     kinds = {KIND: ("pendulum",), stiff: ("andrews",)}
     *_, text, few = recommendations(choices_of(rows, kinds, WHOLE), WHOLE.level, ())
     assert text.startswith(
-        "scipy is the cheapest in 2 of 4 rows of the table. Do not take it for joints with stiff forces at "
+        "scipy is the cheapest in 2 of 4 rows of the table. Do not take it for joints with stiff vibrations at "
     )
     assert "at 1e-2 and 1e-4 (not supported; take HHT)" in text
     assert few.startswith("Rows on fewer than 3 problems (2 kinds) are a hint")

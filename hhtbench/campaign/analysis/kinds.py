@@ -6,7 +6,7 @@ on other problems.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,9 @@ CONSTRAINTS = {  # by whether there are any of positions, and of velocities; in 
 }
 UNKNOWN = "constraints not recorded"  # no solver has called the problem's functions, or an older hhtbench made the rows
 NONLINEAR = "nonlinear reaction"  # the tag
-STIFFNESS = {False: "not stiff", True: "stiff", None: "stiffness not recorded"}
+SMOOTH, VIBRATIONS, DAMPERS, CONTACT = "not stiff", "stiff vibrations", "stiff dampers", "contact"
+UNTOLD = "stiffness not recorded"  # no row holds the problem's tags
+FORCES = (SMOOTH, VIBRATIONS, DAMPERS, CONTACT, UNTOLD)  # what decides on a method, in the order of the table
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,16 +31,16 @@ class Kind:
 
     constraints: str  #: one of ``CONSTRAINTS``, or ``UNKNOWN``
     nonlinear: bool = False  #: whether the problem has the tag ``NONLINEAR``
-    stiff: bool | None  #: whether it has the tag "stiff"; None where no row holds its tags
+    forces: str  #: one of ``FORCES``
 
     @property
     def text(self) -> str:
         """Name of the kind for a reader."""
-        return ", ".join([self.constraints, *[NONLINEAR] * self.nonlinear, STIFFNESS[self.stiff]])
+        return ", ".join([self.constraints, *[NONLINEAR] * self.nonlinear, self.forces])
 
 
 def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
-    """Map each kind to its problems; position constraints come first, kinds that are not stiff before stiff ones."""
+    """Map each kind to its problems; position constraints come first, forces in the order of ``FORCES``."""
     systems_of: dict[str, list[Mapping[str, Any]]] = {}
     for row in rows:
         systems_of.setdefault(row.problem, []).append(row.metrics.get("system") or {})
@@ -46,7 +48,7 @@ def kinds(rows: Sequence[RunRow]) -> dict[Kind, tuple[str, ...]]:
     for problem, systems in systems_of.items():
         found.setdefault(_kind(systems), []).append(problem)
     order = [*CONSTRAINTS.values(), UNKNOWN]
-    by = {kind: (order.index(kind.constraints), kind.nonlinear, list(STIFFNESS).index(kind.stiff)) for kind in found}
+    by = {kind: (order.index(kind.constraints), kind.nonlinear, FORCES.index(kind.forces)) for kind in found}
     return {kind: tuple(found[kind]) for kind in sorted(found, key=lambda kind: by[kind])}
 
 
@@ -55,5 +57,15 @@ def _kind(systems: Sequence[Mapping[str, Any]]) -> Kind:
     sizes = next(((one["m"], one["p"]) for one in systems if None not in (one.get("m"), one.get("p"))), None)
     tags = next((one["tags"] for one in systems if one.get("tags") is not None), None)
     constraints = UNKNOWN if sizes is None else CONSTRAINTS[sizes[0] > 0, sizes[1] > 0]
-    stiff = None if tags is None else "stiff" in tags
-    return Kind(constraints=constraints, nonlinear=NONLINEAR in (tags or ()), stiff=stiff)
+    return Kind(constraints=constraints, nonlinear=NONLINEAR in (tags or ()), forces=_forces(tags))
+
+
+def _forces(tags: Collection[str] | None) -> str:
+    """Return what is stiff in a problem with these tags: bodies that bend have fast vibrations too."""
+    if tags is None:
+        return UNTOLD
+    if "contact" in tags:
+        return CONTACT
+    if not {"stiff", "flexible"} & {*tags}:
+        return SMOOTH
+    return DAMPERS if "damped" in tags else VIBRATIONS

@@ -19,6 +19,7 @@ from hhtbench.campaign.reference.files import read_certificate, write_certificat
 from hhtbench.campaign.reference.plan import Entry
 from hhtbench.catalogue.registry import load_problem
 from hhtbench.lowering.equations import Equations
+from hhtbench.lowering.rates import fastest_rates
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import Problem, declared
 from hhtbench.runtime.processes import Inline, worker_processes
@@ -112,8 +113,8 @@ def _decays(problem: Problem) -> bool:
     """True if a mode decays more than ``MAX_DECAY`` times in the interval, estimated at the start."""
     with suppress(Exception):  # a user's functions: what is wrong with them the solvers say
         equations, (t0, t1) = Equations(problem), problem.t_span
-        rate, damping = equations.fastest_mode(equations.acceleration(t0, problem.q0, problem.v0))
-        return rate * damping * abs(t1 - t0) > MAX_DECAY
+        rates = fastest_rates(equations, equations.acceleration(t0, problem.q0, problem.v0))
+        return rates.decay * abs(t1 - t0) > MAX_DECAY
     return False
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from hhtbench.lowering.caching import use_disk_cache
-from hhtbench.lowering.compile.routes import TRACED_AS_VALUE, Route, explain_control_flow, too_large
+from hhtbench.lowering.compile.routes import MAX_COMPILED, TRACED_AS_VALUE, Route, explain_control_flow, too_large
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 from hhtbench.lowering.scalar_compiler.lower import Shapes
@@ -59,7 +59,7 @@ class Compiled:
 
     def _choose(self, shapes: Shapes) -> Callable[..., np.ndarray | None]:
         """Machine code where it pays and is possible, else a function that returns None for XLA; records the route."""
-        name, reason = self._flat.name, too_large(self.dynamics)
+        name, reason = self._flat.name, too_large(self.dynamics, MAX_COMPILED)
         if reason is None:
             try:
                 code = self._native(shapes=shapes)

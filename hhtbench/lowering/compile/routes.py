@@ -13,7 +13,8 @@ import numpy as np
 
 from hhtbench.protocol.errors import ProblemError
 
-MAX_UNKNOWNS = 80  # n + m + p: above it XLA compiles faster, and sparse matrices are used anyway
+MAX_UNKNOWNS = 80  # n + m + p: above it sparse matrices are faster where a function is called often
+MAX_COMPILED = 200  # n + m + p: above it XLA compiles full matrices faster
 
 
 TRACED_AS_VALUE = (
@@ -45,13 +46,13 @@ def route_of(dynamics: Any) -> str:
     return "numpy" if dynamics.xp is np else "xla"
 
 
-def too_large(dynamics: Any) -> str | None:
-    """Reason why machine code would not pay for a system of this size, or None."""
+def too_large(dynamics: Any, most: int = MAX_UNKNOWNS) -> str | None:
+    """Reason why machine code would not pay for a system of more than ``most`` unknowns, or None."""
     s = dynamics.structure
     unknowns = s.n + s.m + s.p
-    if unknowns <= MAX_UNKNOWNS or not dynamics.matrices:
+    if unknowns <= most or not dynamics.matrices:
         return None
-    return f"n + m + p = {unknowns} is more than {MAX_UNKNOWNS}: machine code would be long"
+    return f"n + m + p = {unknowns} is more than {most}: machine code would be long"
 
 
 def explain_control_flow(error: Exception, system: Any) -> ProblemError:

@@ -24,6 +24,7 @@ from hhtbench.lowering.dynamics.dynamics import Structure
 from hhtbench.lowering.dynamics.jax_dynamics import JaxDynamics
 from hhtbench.lowering.dynamics.mass import compact, inverse_of
 from hhtbench.lowering.dynamics.reductions import generalised
+from hhtbench.lowering.flattening import traced_once
 from hhtbench.lowering.jax_internals import used_inputs
 from hhtbench.protocol.arguments import Vector, traced
 from hhtbench.protocol.system import DERIVATIVES, System, declared, reaction_takes_velocity, signature_of
@@ -63,14 +64,14 @@ def _structure(system: Any, t: Any, q: Any, v: Any, ignored: tuple[str, ...]) ->
     if mass == "variable":
         if abstract_result(system, "mass_matrix", at).shape != (q.size,):
             _expect(system, "mass_matrix", at, q.size)
-        mass = "variable" if any(used_arguments(system.mass_matrix, t, q)) else "constant"
+        mass = "variable" if any(used_arguments(traced_once(system, "mass_matrix"), t, q)) else "constant"
     general = Structure(n=q.size, m=m, p=p, mass=mass, reaction_uses_v=reaction_takes_velocity(system))
     plain = JaxDynamics(system=system, structure=general, ignored=ignored)
     at |= {"lam": jnp.zeros(m), "mu": jnp.zeros(p)}
     for name in ("reaction", "velocity_reaction", *DERIVATIVES):
         if plain.gives(name):
             _expect(system, name, at, q.size, m, p)
-    _, force_uses_q, force_uses_v = used_arguments(system.force, t, q, v)
+    _, force_uses_q, force_uses_v = used_arguments(plain.force, t, q, v)
     declares_g_t = declared(system, "constraint_time_derivative") is not None
     return replace(
         general,
@@ -117,7 +118,7 @@ def abstract_result(system: System, name: str, at: dict[str, Any]) -> jax.ShapeD
     try:
         with preparing(f"tracing {name}"):
             arguments = (at[symbol] for symbol in signature_of(system, name).arguments)
-            result = jax.eval_shape(getattr(system, name), *arguments)
+            result = jax.eval_shape(traced_once(system, name), *arguments)
     except TypeError as error:
         if "not a valid JAX type" in str(error):
             raise TypeError(f"{name} must return a real array; {error}") from error

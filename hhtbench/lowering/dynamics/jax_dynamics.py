@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, plain_attributes
+from hhtbench.lowering.flattening import traced_once
 from hhtbench.protocol.system import SIGNATURES, System, declared
 
 
@@ -32,10 +33,17 @@ class JaxDynamics(eqx.Module, Dynamics):
         return name in SIGNATURES and name not in self.ignored and declared(self.system, name) is not None
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
-        return getattr(self.system, name)(t, *arguments)
+        return traced_once(self.system, name)(t, *arguments)
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
         return jax.jacfwd(function)(x)
+
+    def force_jacobians(self, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+        s = self.structure
+        if self.gives("force_jacobians") or not (s.force_uses_q and s.force_uses_v):
+            return super().force_jacobians(t, q, v)
+        by_q, by_v = jax.jacfwd(self.force, (1, 2))(t, q, v)
+        return by_q, by_v
 
     def rate(self, function: Callable[[Any, Any], Any], t: Any, q: Any, v: Any) -> Any:
         t = jnp.asarray(t, dtype=float)

@@ -20,7 +20,7 @@ from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, lo
 from hhtbench.lowering.scalar_compiler.store import CALLS, CODES, ZERO, Ids, NotNative, TooLarge
 from hhtbench.solution.counting import preparing
 
-FORMAT = 3  # version of the generation of object code; part of the name of its file
+FORMAT = 4  # version of the generation of object code; part of the name of its file
 MOST_OPERATIONS = 100_000  # written down: tracing, lowering and generating them takes some ten seconds
 IN_LOOPS = 5_000  # operations from which equal ones are written as loops: a fifth of the time to generate, as fast to run
 FLOAT = np.dtype(np.float64)

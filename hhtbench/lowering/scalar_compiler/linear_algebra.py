@@ -22,8 +22,7 @@ def _dot(ctx: Interpreter, equation: Any, x: Value, y: Value) -> list[Value]:
         left, right = map(_as_matrices, (x, y), sums, batches)
         return [np.einsum("bik,bjk->bij", left, right).reshape(shape)]
     left, right = map(_as_matrices, (ctx.numbers(x), ctx.numbers(y)), sums, batches)
-    product = [_product(ctx.graph, a, b) for a, b in zip(left, right, strict=True)]
-    return made(equation, np.array(product, dtype=np.int64).reshape(shape))
+    return made(equation, _products(ctx.graph, left, right).reshape(shape))
 
 
 def _as_matrices(array: np.ndarray, summed: Any, batch: Any) -> np.ndarray:
@@ -33,18 +32,28 @@ def _as_matrices(array: np.ndarray, summed: Any, batch: Any) -> np.ndarray:
     return array.transpose([*batch, *free, *summed]).reshape(sizes)
 
 
-def _product(graph: Graph, x: Ids, y: Ids) -> list[list[int]]:
-    """Products of rows of x with rows of y, summed in order; structural zeros cost nothing."""
-    add, mul = graph.add, graph.mul
-    result = [[ZERO] * len(y) for _ in range(len(x))]
-    for left, right in zip(x.T, y.T, strict=True):
-        columns = np.flatnonzero(right != ZERO).tolist()
-        factors = right.tolist()
-        for i in np.flatnonzero(left != ZERO).tolist():
-            row, factor = result[i], int(left[i])
-            for j in columns:
-                row[j] = add(row[j], mul(factor, factors[j]))
-    return result
+def _products(graph: Graph, x: Ids, y: Ids) -> Ids:
+    """Products (b, i, j) of rows of x (b, i, k) with rows of y (b, j, k), summed in order; structural zeros cost nothing.
+
+    All first terms of the sums are added together, then all second ones, and so on.
+    """
+    (batches, rows, terms), columns = x.shape, y.shape[1]
+    row, term = np.nonzero(x.reshape(-1, terms) != ZERO)
+    term += row // rows * terms if rows else 0
+    summed, column = np.nonzero(y.swapaxes(1, 2).reshape(-1, columns) != ZERO)
+    first, count = np.searchsorted(summed, term), np.bincount(summed, minlength=batches * terms)[term]
+    left = np.repeat(np.arange(term.size), count)  # of the pairs of factors, by row and term
+    right = np.arange(left.size) + (first - np.cumsum(count) + count)[left]
+    place = row[left] * columns + column[right]
+    order = np.argsort(place, kind="stable")
+    left, right, place = left[order], right[order], place[order]
+    factors = x[x != ZERO][left], y.swapaxes(1, 2)[y.swapaxes(1, 2) != ZERO][right]
+    products, turn = graph.elementwise("mul", *factors), np.arange(place.size) - np.searchsorted(place, place)
+    result = np.full(batches * rows * columns, ZERO, dtype=np.int64)
+    for k in range(turn.max(initial=-1) + 1):
+        now = np.flatnonzero(turn == k)
+        result[place[now]] = graph.elementwise("add", result[place[now]], products[now])
+    return result.reshape(batches, rows, columns)
 
 
 @rule_of_nodes("hhtbench_inverse", numbers=True)

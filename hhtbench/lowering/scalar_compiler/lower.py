@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from hhtbench.lowering.jax_internals import without_dead_code
 from hhtbench.lowering.scalar_compiler import control, elementwise, linear_algebra, movement
 from hhtbench.lowering.scalar_compiler.dependencies import depending, needed, operands
 from hhtbench.lowering.scalar_compiler.graph import Graph
@@ -79,7 +80,7 @@ def lower(name: str, function: Any, pattern: np.ndarray, shapes: Shapes, limit: 
     graph = Graph(limit * GROWTH)
     interpreter = Interpreter(graph)
     with preparing(f"lowering {name}"):
-        (value,) = interpreter.closed(computation.jaxpr, _inputs(graph, pattern, shapes))
+        (value,) = interpreter.closed(without_dead_code(computation.jaxpr), _inputs(graph, pattern, shapes))
         if isinstance(value, Unknown):
             raise NotNative(value.reason)
         outputs = interpreter.as_numbers(interpreter.lift(value)).ravel()

@@ -11,6 +11,7 @@ import llvmlite  # type: ignore[import-untyped]
 import llvmlite.binding as llvm  # type: ignore[import-untyped]
 
 LEVEL = 1  # of code generation: 2 and 3 take half as long again for code of the same speed
+PLAIN_LOOPS = "-disable-lsr"  # loops keep the indices they are written with: two fifths of the time, and a tenth faster code
 LONG = 20_000  # operations from which it is level 0, where 37,000 take 0.7 s instead of 13 s and run half as fast
 _lock = threading.RLock()  # LLVM's global context is one for all threads
 _loaded: list[Any] = []  # engines own the code: they live as long as the process
@@ -21,6 +22,12 @@ def start() -> None:
     """Prepare LLVM for this machine."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+
+
+@cache
+def _keep_loops() -> None:
+    """Set LLVM's option, which it takes once a process."""
+    llvm.set_option("hhtbench", PLAIN_LOOPS)
 
 
 def host() -> str:
@@ -44,6 +51,7 @@ def generate(text: str, helpers: str, operations: int) -> bytes:
     """
     with _lock:
         start()
+        _keep_loops()
         machine = _target_machine(LEVEL if operations <= LONG else 0)
         module = _parsed(text, machine)
         if helpers:

@@ -1,0 +1,1 @@
+"""Solvers on flexible, stiff and contact scenes: ``make bench-wing``."""
