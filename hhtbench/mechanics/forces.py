@@ -16,7 +16,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-_asked: ContextVar[Callable[[Array], Array | None]] = ContextVar("asked", default=lambda _: None)
+
+def _plain(tensions: Array) -> None:
+    """Give no tensions: derivatives take those of the element itself."""
+
+
+_asked: ContextVar[Callable[[Array], Array | None]] = ContextVar("asked", default=_plain)
 
 
 def distances(a: Array, b: Array) -> Array:
@@ -53,6 +58,11 @@ def tensions_of(force: Callable[[], Any]) -> tuple[Array, ...]:
     finally:
         _asked.reset(asked)
     return tuple(found)
+
+
+def tensions_in_use() -> bool:
+    """True inside of :func:`tensions_of` and :func:`tensions_given`."""
+    return _asked.get() is not _plain
 
 
 @contextmanager

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 
 from hhtbench.lowering.dynamics.dynamics import Dynamics, Structure, plain_attributes
 from hhtbench.lowering.flattening import traced_once
+from hhtbench.mechanics.forces import tensions_in_use
 from hhtbench.protocol.system import SIGNATURES, System, declared
 
 
@@ -33,6 +34,8 @@ class JaxDynamics(eqx.Module, Dynamics):
         return name in SIGNATURES and name not in self.ignored and declared(self.system, name) is not None
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
+        if name == "force" and tensions_in_use():  # a trace that is shared has no tensions of its own
+            return self.system.force(t, *arguments)
         return traced_once(self.system, name)(t, *arguments)
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
