@@ -28,7 +28,7 @@ class SlowToTrace(hb.System):
 
     def force(self, t, q, v):
         TRACED.append(t)
-        time.sleep(0.2)
+        time.sleep(0.4)
         return jnp.stack([0.0, -9.81])
 
     def constraint(self, t, q):
@@ -37,18 +37,18 @@ class SlowToTrace(hb.System):
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_the_budget_is_looked_at_between_traces_and_the_status_says_where_the_time_went(solver):
-    """A whole start traces the force more than ten times; one trace more than fits into the budget may be begun."""
+    """One trace more than fits into the budget may be begun."""
     system = SlowToTrace(mark=float(SOLVERS.index(solver)))
     problem = hb.Problem(name="slow", system=system, t_span=(0, 1), q0=[1, 0], v0=[0, 0])
     TRACED.clear()
     loaded = hb.load_solver(solver)
-    solution = hb.solve(problem, loaded, rtol=1e-3, max_seconds=0.5)
+    solution = hb.solve(problem, loaded, rtol=1e-3, max_seconds=0.3)
     assert solution.status is Status.deadline
     assert solution.t.size <= 1
     told = re.search(r"\(([\d.]+) s for preparations in all: imports, traces, compilations\)", solution.message)
     assert told, solution.message
     assert float(told[1]) > 0.3
-    assert len(TRACED) <= 4, "0.6 s of them fit, or a function that traces it twice"
+    assert len(TRACED) <= 2, "one, or a function that traces it twice"
 
 
 def slow_pendulum(seconds):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hhtbench.advice.families import FAMILIES, drawn, family_of
+from hhtbench.advice.families import FAMILIES, WING, drawn, family_of
 from hhtbench.advice.regret import ADVICE, BEST_FIXED, FREE, THUMB
 from hhtbench.advice.study import judged, study_selection
 from hhtbench.protocol.errors import ProblemError
@@ -67,13 +67,13 @@ def test_too_few_families_are_refused():
         judged(database(families=2))
 
 
-def test_at_least_a_hundred_scenes_are_drawn_the_same_every_time_within_their_ranges():
+def test_at_least_eighty_scenes_are_drawn_the_same_every_time_within_their_ranges():
     specs = drawn()
-    assert len(set(specs)) == len(specs) >= 100
+    assert len(set(specs)) == len(specs) >= 80
     assert specs == drawn()
     for spec in specs:
         values = dict(pair.split("=") for pair in spec.partition("(")[2].rstrip(")").split(", "))
-        for name, (low, high) in FAMILIES[family_of(spec)].items():
+        for name, (low, high) in {**FAMILIES, **WING}[family_of(spec)].items():
             assert 0.99 * low - 0.01 <= float(values[name]) <= 1.01 * high + 0.01
 
 
@@ -84,4 +84,4 @@ def test_the_database_of_the_package_is_judged_without_a_run():
     assert "closed gap" in str(found)
     advice = line(found, FREE)
     assert advice.right_high < 2.0 < 10.0 < advice.silent_high
-    assert "89%: 97% within 2x, 95 % 1.8; the rest: 69%, 95 % 90" in str(found)  # as docs/advice.md says
+    assert "96%: 98% within 2x, 95 % 1.7; the rest: 0%, 95 % 1.5e+02" in str(found)  # as docs/advice.md says

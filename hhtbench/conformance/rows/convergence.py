@@ -96,10 +96,7 @@ M9 = tested(
     "M12",
     "pendulum at tolerances 1e-3..1e-9",
     "error falls with the tolerance, at most 20 tolerances; work as its power -1/3 to -1/2",
-    known={
-        "ida": (("1e-07",), "an error of 40 tolerances"),
-        "hht": (("1e-09 alpha=0", "falls alpha=0"), "step_too_small: the roundoff of q over h is the tolerance of v"),
-    },
+    known={"ida": (("1e-07",), "an error of 40 tolerances")},
 )
 def accuracy(subject: Subject) -> Cases:
     """Yield the cases of row M12: pendulum at tolerances 1e-3..1e-9.

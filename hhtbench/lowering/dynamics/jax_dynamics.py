@@ -35,7 +35,7 @@ class JaxDynamics(eqx.Module, Dynamics):
 
     def call(self, name: str, t: Any, *arguments: Any) -> Any:
         if name == "force" and tensions_in_use():  # a trace that is shared has no tensions of its own
-            return self.system.force(t, *arguments)
+            return getattr(self.system, name)(t, *arguments)
         return traced_once(self.system, name)(t, *arguments)
 
     def jacobian(self, function: Callable[[Any], Any], x: Any, pattern: str = "", order: int = 4) -> Any:
