@@ -74,7 +74,7 @@ class Iteration(NamedTuple):
     stagnated: bool  #: a matrix at the iterate has already failed once to shrink the increment
     last_first: float  #: size of the first increment by the matrix before, of this step; infinity: none
     before: float  #: the same of the matrix before that one
-    each: bool  #: a new matrix at every iterate, until the next one would gain less than it costs
+    each: bool  #: a new matrix at every iterate, until one is expected to contract fast
     last: float  #: size of the last increment by the matrix before, of this step; infinity: none was taken
 
 
@@ -122,7 +122,7 @@ def newton(z: Any, stored: Any, h: Any, counts: Any) -> Any:
             part(z, mem.ATTEMPT)[mem.MADE] = made - needless - stalls
             part(z, mem.ATTEMPT)[mem.COST] = cost_with_kept(z, stored, i.fresh, taken + 1.0 if kept else 0.0)
             return mem.CONVERGED, i.lu, NEEDLESS if needless > 0.0 else i.worst
-        if decision == RENEW_HERE and not i.fresh:  # the stored matrix has led away from the guess
+        if decision == RENEW_HERE and not i.fresh and i.size > MOST_ROUNDOFF:  # the stored matrix has led away
             put(part(z, mem.X), 0, part(z, mem.BASE_X))
             without_previous(z)
         stalls += 1.0 if decision == STALL else 0.0  # the next matrix is for increments of roundoff
