@@ -49,6 +49,7 @@ def fastest_rates(equations: Equations, at_start: Vector) -> Rates:
         return (equations.acceleration(t0, problem.q0, problem.v0 + length * x) - at_start) / length
 
     stiffness, damping = (largest_eigenvalue(derivative, equations.n) for derivative in (by_q, by_v))
+    # an unstable direction, with a positive eigenvalue, counts as a vibration of its rate
     vibration, turning = math.sqrt(abs(stiffness)), abs(damping.imag)
     derivative, size = (by_q, abs(stiffness)) if vibration >= turning else (by_v, abs(damping))
     fastest = max(vibration, turning)
@@ -75,6 +76,8 @@ def largest_eigenvalue(derivative: Callable[[Vector], Vector], n: int) -> comple
             return 0.0
         before, now = now, moved / size
     last = derivative(now) / size
+    if not np.isfinite(last).all():
+        return 0.0
     (total, product), *_ = np.linalg.lstsq(np.stack([now, -before], axis=1), last, rcond=ALIGNED)
     roots = np.roots([1.0, -total, product])
     return complex(size * roots[np.argmax(np.abs(roots))])

@@ -20,11 +20,13 @@ NAMED = {  # by the solver's name, else by a word in its options; what is left t
     "collocation": RADAU,
 }
 OPTIONS = {"bdf": BDF, "lsoda": BDF, "radau": RADAU, "kvaerno": RADAU}
+BY_DEFAULT = {"cvode": "bdf", "scipy": "radau"}  # methods of solvers whose options name none
 
 
 def method_of(entry: str) -> str:
     """Kind of method of a solver; LSODA counts as BDF, implicit Runge-Kutta methods as Radau."""
-    options = (method for word, method in OPTIONS.items() if word in entry.lower())
+    taken = entry.lower() if "method=" in entry else BY_DEFAULT.get(family(entry), entry)
+    options = (method for word, method in OPTIONS.items() if word in taken)
     return NAMED.get(family(entry)) or next(options, EXPLICIT)
 
 

@@ -13,7 +13,7 @@ from tests.report.test_first_screen import KIND, WHOLE
 
 
 def test_the_first_sentences_say_for_which_scenes_to_take_which_kind_of_method():
-    """On andrews, with stiff vibrations, HHT costs a quarter of IDA; on the soft pendulum ten times explicit steps."""
+    """On andrews, here with stiff dampers, HHT costs a quarter of IDA; on the soft pendulum ten times explicit steps."""
     rows = [*law("projected(method=DOP853)", 100.0, 2), *law("hht", 1000.0, 2), *law("scipy(method=Radau)", 9000.0, 2)]
     rows += [*law("hht", 100.0, 2, problem="andrews"), *law("ida(form=ggl)", 400.0, 2, problem="andrews")]
     kinds = {KIND: ("pendulum",), Kind(constraints="no constraints", forces=DAMPERS): ("andrews",)}
@@ -40,6 +40,8 @@ def test_the_first_sentences_say_for_which_scenes_to_take_which_kind_of_method()
         ("scipy(method=Radau)", "Radau"),
         ("collocation(form=ggl)", "Radau"),
         ("rattle, steps=N", "an explicit method"),
+        ("cvode(form=ode)", "BDF"),
+        ("scipy", "Radau"),
     ],
 )
 def test_solvers_belong_to_kinds_of_methods(entry, method):

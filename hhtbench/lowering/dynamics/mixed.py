@@ -31,21 +31,21 @@ class Predicted(NamedTuple):
 def mixed(dynamics: Dynamics, place: Predicted) -> AbstractContextManager[None]:
     """Context in which derivatives of ``dynamics.force`` take the tensions predicted from ``place``.
 
-    It changes nothing where the system calls :func:`~hhtbench.mechanics.forces.force_of` nowhere, or inside of a ``vmap``,
-    ``jit`` or loop of its own.
+    It changes nothing where the system calls :func:`~hhtbench.mechanics.forces.force_of` nowhere.  Calls inside of a
+    ``vmap``, ``jit``, ``cond``, loop or derivative of the system's own keep their plain derivative.
     """
 
     def tensions(q: Any, v: Any) -> tuple[Any, ...]:
         return tensions_of(lambda: dynamics.force(place.t, q, v))
 
-    if dynamics.xp is np or not _plain(tensions, place):
+    if dynamics.xp is np or not _collected(tensions, place):
         return nullcontext()
     at = jax.lax.stop_gradient(place)
     values, changes = jax.jvp(tensions, (at.q, at.v), (at.change_q, at.change_v))
     return tensions_given([value + change for value, change in zip(values, changes, strict=True)])
 
 
-def _plain(tensions: Any, place: Predicted) -> bool:
+def _collected(tensions: Any, place: Predicted) -> bool:
     """True if there are tensions, and all are computed at the level of the force itself."""
     try:
         with jax.checking_leaks():

@@ -140,7 +140,8 @@ def begun(z: Any, stored: Any, h: Any) -> Any:
     if lu >= 0:
         record, o = part(z, mem.RECORD + lu), part(z, mem.CONSTANTS)
         worst, each = record[mem.RATE], record[mem.RATE] >= 1.0
-        slow = rows == UNTIL_ALLOWED and worst > o[mem.REFRESH_RATE]  # fewer increments than to roundoff tell less of it
+        # fewer increments than to roundoff tell less of it
+        slow = worst == NEEDLESS or (rows == UNTIL_ALLOWED and worst > o[mem.REFRESH_RATE])
         dear = record[mem.KEPT_COST] > FRESH_ITERATIONS + o[mem.MATRIX_COST] > FRESH_ITERATIONS
         if each or slow or dear or abs(record[mem.MADE_H] - h) > o[mem.OTHER_STEP] * abs(h):
             lu, worst = -1, 0.0

@@ -64,8 +64,9 @@ def converged(z: Any, moved: Any, rate: Any) -> Any:
 def force_rows_end(z: Any, lu: Any, rate: Any, exact: Any) -> Any:
     """True if the error left in the force rows is a small part of the step's tolerance, so that they may stop, (H35).
 
-    Tested are the predicted error of the increment and, unless the increment is ``exact`` (its matrix is that of its place),
-    the imbalance of forces before it; the predicted error of the latter is not used where it is large against the increment.
+    Tested are the predicted error of the increment and, unless it is ``exact`` (its matrix is of its place, or of one before
+    it and contracts fast where each iterate has its matrix), the imbalance of forces before it; the predicted error of the
+    latter is not used where it is large against the increment.
     """
     o = part(z, mem.CONSTANTS)
     if not 0.0 < rate < 1.0:
