@@ -63,7 +63,8 @@ def _factors(choices: Sequence[Choice], method: str) -> str:
     if not ratios:
         return f"{basis}, no other reaches it there"
     low, high = (_number(edge) for edge in (min(ratios), max(ratios)))
-    return f"{basis}, {low if low == high else f'{low} to {high}'} times cheaper than other kinds of methods"
+    factor = low if low == high else f"{low} to {high}"
+    return f"{basis}, other kinds of methods cost {factor} times as much where they reach it"
 
 
 def _number(factor: float) -> str:

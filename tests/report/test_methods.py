@@ -20,9 +20,11 @@ def test_the_first_sentences_say_for_which_scenes_to_take_which_kind_of_method()
     first, second, third, *_ = recommendations(choices_of(rows, kinds, WHOLE), WHOLE.level, ())
     assert first == (
         "Take HHT for unconstrained systems with stiff dampers at 1e-2 and 1e-4 "
-        "(1 problem, 4 times cheaper than other kinds of methods)."
+        "(1 problem, other kinds of methods cost 4 times as much where they reach it)."
     )
-    assert second.startswith("Take an explicit method for joints with smooth forces at 1e-2 and 1e-4 (1 problem, 10 times")
+    assert second.startswith(
+        "Take an explicit method for joints with smooth forces at 1e-2 and 1e-4 (1 problem, other kinds of methods cost 10 times"
+    )
     assert third == "No row has BDF or Radau as the cheapest."
 
 
