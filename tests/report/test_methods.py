@@ -23,7 +23,8 @@ def test_the_first_sentences_say_for_which_scenes_to_take_which_kind_of_method()
         "(1 problem, other kinds of methods cost 4 times as much where they reach it)."
     )
     assert second.startswith(
-        "Take an explicit method for joints with smooth forces at 1e-2 and 1e-4 (1 problem, other kinds of methods cost 10 times"
+        "Take an explicit method for joints with smooth forces at 1e-2 and 1e-4 "
+        "(1 problem, other kinds of methods cost 10 times"
     )
     assert third == "No row has BDF or Radau as the cheapest."
 
