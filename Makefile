@@ -4,7 +4,7 @@
 # make bench-engine  time per step beside hand-written C and Exudyn, compile times, starts, the reference solvers at equal error:
 #               reports/latest/speed.html, which the report links (a quarter of an hour)
 # make bench-wing  every solver on the flexible, stiff and contact scenes at equal error, beside Exudyn on three of them:
-#               reports/latest/wing.md, figures in reports/latest/wing (a quarter of an hour)
+#               reports/latest/wing.md, figures in reports/latest/wing (more than half an hour)
 # make validate   every solver and form on every problem: the table reports/published/solvability.md (about an hour)
 # make test-faults  the store and the runner of campaigns under faults: 50 kills, signals, disks that fail, power that is
 #               lost at any write, flipped bits, clocks that jump, workers that hang, abort, flood, leak (needs a C compiler)
