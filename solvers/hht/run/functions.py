@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from functools import cached_property
 from itertools import accumulate
@@ -45,6 +46,7 @@ from solvers.kernel.linear.analysis import Analysis, full, of_code, of_pattern
 from solvers.kernel.memory import CONTROL_NUMBERS, Memory, Sizes, copied
 
 MAX_FULL = 200  # unknowns of a step up to which full matrices are used, even if they are sparse
+FEW = 40  # unknowns of a step up to which M^-1, where it fills, costs less than accelerations as further unknowns
 MAX_NATIVE = 200_000  # unknowns of a step up to which it is machine code: the graph then has ten million nodes
 SPARSE = NewtonOptions(max_iterations=25)
 MAX_COPIED = 200  # unknowns up to which a blank memory is kept and copied, in a tenth of the time
@@ -223,6 +225,7 @@ class SparseCode(MachineCode):
         products = step_products(dynamics, method)
         if products is None:
             raise NotNative(f"more than {MAX_FULL} unknowns, and {FULL}")
+        self._rival = layout.size  #: unknowns with full matrices
         super().__init__(products, method, layout_of(products, method), linsolver)
 
     def _starts_alone(self) -> bool:
@@ -237,6 +240,8 @@ class SparseCode(MachineCode):
             raise NotNative(f"the pattern of its derivatives cannot be read: {error}") from error
         if pattern.computed > MAX_COMPUTED:
             raise NotNative(f"{pattern.colours} derivatives of {pattern.shape[0]} rows")
+        if self._rival <= MAX_FULL and of_pattern(pattern, self.layout.size, linsolver).factor_cost > self._rival**3 / 3.0:
+            raise NotNative("full matrices cost less")
         early = native(residual_and_entries, self.dynamics, *static, pattern, stage="early", **options)
         late = native(residual_and_entries, self.dynamics, *static, pattern, compact=True, stage="late", **options)
         self.analysis = of_pattern(pattern, self.layout.size, linsolver, late)
@@ -310,6 +315,12 @@ def step_products(dynamics: Dynamics, method: Method) -> MatrixFree | ForeignPro
     return None if fills else products
 
 
+def inverse_fills(dynamics: Dynamics, layout: Layout) -> bool:
+    """True if a JAX system's mass has few entries and its inverse many, and the steps of ``layout`` need only the mass."""
+    products = None if layout.extrapolated or route_of(dynamics) == "numpy" else matrix_free(dynamics)
+    return products is not None and products.structure.mass == "sparse"
+
+
 def functions_for(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     """The functions of a system for ``method``, cached by dynamics: machine code where possible.
 
@@ -326,6 +337,9 @@ def _made(dynamics: Dynamics, method: Method, linsolver: str) -> Functions:
     try:
         if layout.size > MAX_FULL:
             return SparseCode(dynamics, method, layout, linsolver)
+        if layout.size > FEW and inverse_fills(dynamics, layout):
+            with suppress(NotNative):
+                return SparseCode(dynamics, method, layout, linsolver)
         return MachineCode(foreign(dynamics) if route_of(dynamics) == "numpy" else dynamics, method, layout, linsolver)
     except NotNative:
         return PythonFunctions(dynamics, method, layout, linsolver)

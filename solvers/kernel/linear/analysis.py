@@ -110,8 +110,16 @@ class Analysis:
         if self.kind != "band":
             return OUTSIDE_COST
         _, count, lower, upper = self.order.blocks.T
-        made = self.targets.size + self.storage + int((count * lower * (lower + upper)).sum())
+        made = self.targets.size + self.storage + self.factor_cost
         return made / (self.rows.size + self.size + int((count * (2 * lower + upper)).sum()))
+
+    @property
+    def factor_cost(self) -> float:
+        """Multiplications of a factorisation in these loops: infinite for SuperLU, which is outside."""
+        if self.kind == "sparse":
+            return np.inf
+        _, count, lower, upper = self.order.blocks.T
+        return self.size**3 / 3.0 if self.kind == "dense" else float((count * lower * (lower + upper)).sum())
 
     def sections(self) -> dict[str, Any]:
         """Integer sections of the loops' memory, by name."""
