@@ -178,7 +178,7 @@ def problem(
     q0[:, 1] = length * np.maximum(np.arange(2 * n + 1) / n - 1.0, 0.0)
     q0[:, 3] = 1.0
     sizes = np.tile([length] * 3 + [1.0] * 4, 2 * n + 1)
-    tags = ("holonomic", "flexible", "variable mass")
+    tags = ("holonomic", "flexible", "stiff", "variable mass")
     return Problem(
         name="right_angle_cantilever",
         system=RightAngleCantilever(**values, n_elements=n),

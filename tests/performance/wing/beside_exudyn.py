@@ -33,7 +33,7 @@ UNIT = 40  # of numbers of steps: the rows of the references lie at their ends
 MOST = 2**16  # steps, or one over the tolerance times 16
 ALPHAS, RHOS = (-0.05, -0.3), (0.9, 0.5)
 PROBLEMS: Mapping[str, Callable[[], Problem]] = {
-    "spinup_beam, 3 s": partial(spinup_beam.problem, t_end=3.0),
+    "spinup_beam, 10 s": partial(spinup_beam.problem, t_end=10.0),
     "bushing_chain, c = 3.5e3": partial(bushing_chain.problem, c=3.5e3),
     "bushing_chain, c = 3.5e6": partial(bushing_chain.problem, c=3.5e6),
     "cable_pendulum, plane": cable_pendulum.problem,
