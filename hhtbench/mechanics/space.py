@@ -75,18 +75,23 @@ def quaternion_rate(p: Any, rate: Any) -> Array:
     return jnp.einsum("...ij,...i->...j", space_rate_matrix(p), jnp.asarray(rate)) / 2
 
 
+def spin(J: Any, w: Array) -> Array:
+    """Angular momentum ``J w`` (..., 3) in the body's frame; ``J`` (..., 3) principal moments or (..., 3, 3) tensors."""
+    J = jnp.asarray(J)
+    return J * w if J.ndim <= w.ndim else jnp.einsum("...ij,...j->...i", J, w)
+
+
 def rotational_mass(p: Array, J: Any, j0: Any) -> Array:
-    """Rotational mass matrix ``4 G^T J G + 4 j0 p p^T`` (..., 4, 4) [kg m^2]; ``J`` (..., 3) principal moments, ``j0``
-    (...).
-    """
-    G = body_rate_matrix(p)
+    """Rotational mass matrix ``4 G^T J G + 4 j0 p p^T`` (..., 4, 4) [kg m^2]; ``J`` as in :func:`spin`, ``j0`` (...)."""
+    G, J = body_rate_matrix(p), jnp.asarray(J)
     along = jnp.asarray(j0)[..., None, None] * p[..., :, None] * p[..., None, :]
-    return 4 * jnp.einsum("...ij,...i,...ik->...jk", G, jnp.asarray(J), G) + 4 * along
+    turned = jnp.einsum("...i,...ik->...ik", J, G) if J.ndim <= p.ndim else jnp.einsum("...il,...lk->...ik", J, G)
+    return 4 * jnp.einsum("...ij,...ik->...jk", G, turned) + 4 * along
 
 
 def rotational_force(p: Array, pdot: Array, J: Any) -> Array:
-    """Quadratic velocity force ``F_p = -8 G(p')^T J G p'``, (..., 4) [N m]; ``J`` (..., 3) principal moments."""
-    return -4 * jnp.einsum("...ij,...i->...j", body_rate_matrix(pdot), jnp.asarray(J) * body_rate(p, pdot))
+    """Quadratic velocity force ``F_p = -8 G(p')^T J G p'``, (..., 4) [N m]; ``J`` as in :func:`spin`."""
+    return -4 * jnp.einsum("...ij,...i->...j", body_rate_matrix(pdot), spin(J, body_rate(p, pdot)))
 
 
 def split(q: Any) -> tuple[Array, Array]:
@@ -96,7 +101,7 @@ def split(q: Any) -> tuple[Array, Array]:
 
 
 def mass_of_bodies(q: Array, m: Any, J: Any, j0: Any) -> Array:
-    """Mass matrix (7 k, 7 k), one block per body; masses ``m`` and ``j0`` (k,), principal moments ``J`` (k, 3)."""
+    """Mass matrix (7 k, 7 k), one block per body; masses ``m`` and ``j0`` (k,), ``J`` (k, 3) or (k, 3, 3)."""
     m = jnp.asarray(m)
     bodies = jnp.arange(m.size)
     blocks = jnp.zeros((m.size, 7, 7))
@@ -114,14 +119,14 @@ def energy_of_bodies(q: Array, v: Array, m: Any, J: Any, gravity: Any) -> Array:
     """Kinetic plus gravitational potential energy [J] of k bodies; ``j0`` does not contribute."""
     (x, p), (xdot, pdot), m = split(q), split(v), jnp.asarray(m)
     w = body_rate(p, pdot)
-    return jnp.sum(m[:, None] * xdot**2) / 2 + jnp.sum(jnp.asarray(J) * w**2) / 2 - m @ x @ jnp.asarray(gravity)
+    return jnp.sum(m[:, None] * xdot**2) / 2 + jnp.sum(spin(J, w) * w) / 2 - m @ x @ jnp.asarray(gravity)
 
 
 def moment_of_momentum(q: Array, v: Array, m: Any, J: Any) -> Array:
     """Angular momentum (3,) [kg m^2/s] of k bodies about the origin."""
     (x, p), (xdot, pdot) = split(q), split(v)
-    spin = jnp.einsum("kij,kj->i", rotation(p), jnp.asarray(J) * body_rate(p, pdot))
-    return spin + jnp.asarray(m) @ jnp.cross(x, xdot)
+    turning = jnp.einsum("kij,kj->i", rotation(p), spin(J, body_rate(p, pdot)))
+    return turning + jnp.asarray(m) @ jnp.cross(x, xdot)
 
 
 def norm_rows(p: Array) -> Array:

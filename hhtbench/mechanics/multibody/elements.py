@@ -1,0 +1,139 @@
+"""Springs, bushings, contacts and loads between bodies, one vectorised family for each kind."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from hhtbench.mechanics import contact, forces
+from hhtbench.mechanics.bushings import rotation_vector
+from hhtbench.mechanics.multibody.frames import Placed
+from hhtbench.mechanics.multibody.rows import Law, Rows, angles, lengths
+from hhtbench.protocol.system import parameter
+
+Measure = Callable[[Array], Array]
+Tensions = Callable[[Array, Array], Array]
+
+
+class Springs(eqx.Module):
+    """j springs with dampers: of the distances of points, of angles or, as bushings, of all offsets of two frames."""
+
+    rows: Rows
+    stiffness: Any = parameter(doc="one number for each measured one [N/m, N m/rad]")
+    damping: Any = parameter(doc="[N s/m, N m s/rad]")
+    free: Any = parameter(doc="measures without force [m, rad]")
+    axes: Any = parameter(0.0, doc="of bushings in space: frames in the first and in the second bodies (j, 2, 3, 3)")
+
+    @property
+    def law(self) -> Tensions:
+        """Tensions over measures and their rates."""
+        return forces.spring_damper(self.stiffness, self.damping, self.free)
+
+    def energy(self, measured: Array) -> Array:
+        """Energy [J] of the springs."""
+        return jnp.sum(self.stiffness * (measured - self.free) ** 2) / 2
+
+
+class Contacts(eqx.Module):
+    """j contacts of points, circles or balls of the first bodies with planes or balls of the second."""
+
+    rows: Rows  #: ``a`` centres of the first; ``b`` centres or points of planes, ``w`` their normals
+    radius: Any = parameter(doc="of the first (j,) [m]")
+    other: Any = parameter(doc="of the second (j,) [m], below 0 for a hollow one; unused by planes")
+    stiffness: Any = parameter(doc="(j,) [N/m^power]")
+    loss: Any = parameter(doc="(j,) [s/m]")
+    onset: Any = parameter(doc="(j,) [m]")
+    power: Any = parameter(doc="(j,)")
+    rub: Any = parameter(doc="friction coefficient and creep (j, 2) [1, m/s]")
+    balls: bool = eqx.field(static=True, default=False)
+    rubs: bool = eqx.field(static=True, default=False)
+
+    @property
+    def law(self) -> Tensions:
+        """Tensions, below 0, over gaps and their rates."""
+        return contact.hunt_crossley(self.stiffness, self.loss, self.onset, self.power)
+
+    def energy(self, measured: Array) -> Array:
+        """Energy [J] of the contacts."""
+        return contact.contact_energy(measured, self.stiffness, self.onset, self.power)
+
+    def touching(self, at: Placed) -> contact.Contact:
+        """Gaps, normals and points."""
+        centre, other = self.rows.points(at)
+        if self.balls:
+            return contact.on_sphere(centre, self.radius, other, self.other)
+        return contact.on_plane(centre, self.radius, other, at.along(self.rows.second, self.rows.w))
+
+    def friction(self, frame: Any, q: Array, v: Array) -> Array:
+        """Generalised force (n,) of friction."""
+        gap, rate = forces.rates(lambda y: self.touching(frame.placed(y)).gap, q, v)
+        touching, push = self.touching(frame.placed(q)), -self.law(gap, rate)
+        pairs = np.array(self.rows.first), np.array(self.rows.second)
+        law = self.rub[:, 0], self.rub[:, 1]
+        return contact.friction_force(frame.module, *pairs, touching, push, law, q, v)
+
+
+class Loads(eqx.Module):
+    """Forces on points and torques on bodies, constant or of time."""
+
+    rows: Rows  #: bodies ``second``, points ``b``; ``laws`` of the forces
+    force: Any = parameter(doc="(j, d) [N]")
+    torque: Any = parameter(doc="(j, 3) in space, (j,) in the plane [N m]")
+    torques: tuple[Law | None, ...] = eqx.field(static=True, default=())  #: of time
+    follows: tuple[bool, ...] = eqx.field(static=True, default=())  #: whether components are in the body's frame
+
+    def generalised(self, frame: Any, t: Any, q: Array) -> Array:
+        """Generalised force (n,)."""
+        at, bodies = frame.placed(q), np.array(self.rows.second)
+        found = [_at_time(self.force, self.rows.laws, t), _at_time(self.torque, self.torques, t)]
+        follows = np.array(self.follows)[:, None]
+        turned = [at.along(self.rows.second, x) if x.ndim > 1 else x for x in found]
+        force, torque = (jnp.where(follows, x, y) if x.ndim > 1 else y for x, y in zip(turned, found, strict=True))
+        lever = at.along(self.rows.second, self.rows.b)
+        cross = jnp.cross(lever, force) if frame.dimension == 3 else lever[:, 0] * force[:, 1] - lever[:, 1] * force[:, 0]
+        k = len(at.x) - 1
+        sums = [jnp.zeros((k, *x.shape[1:])).at[bodies].add(x) for x in (force, torque + cross)]
+        return jnp.asarray(frame.wrench(q, *sums))
+
+
+def _at_time(constant: Array, laws: tuple[Law | None, ...], t: Any) -> Array:
+    for i, law in enumerate(laws):
+        constant = constant if law is None else constant.at[i].set(law(t))
+    return constant
+
+
+def from_free(at: Placed, springs: Springs) -> Array:
+    """Angles (j,) [rad] of torsion springs; in space those within half a turn of the free ones."""
+    found = angles(at, springs.rows)
+    if at.angle is not None:
+        return found
+    return springs.free + jnp.arctan2(jnp.sin(found - springs.free), jnp.cos(found - springs.free))
+
+
+def offsets(at: Placed, springs: Springs) -> Array:
+    """Offsets (j c,) of bushings in the frames of the first bodies: c = 6 in space, translations and rotation vectors
+    [m, rad]; 3 in the plane.
+    """
+    rows = springs.rows
+    first, second = rows.points(at)
+    one, other = np.array(rows.first), np.array(rows.second)
+    if at.angle is not None:
+        apart = jnp.einsum("jba,jb->ja", at.R[one], second - first)
+        return jnp.concatenate([apart, angles(at, rows)[:, None]], axis=1).ravel()
+    A, B = at.R[one] @ springs.axes[:, 0], at.R[other] @ springs.axes[:, 1]
+    apart = jnp.einsum("jba,jb->ja", A, second - first)
+    return jnp.concatenate([apart, rotation_vector(jnp.einsum("jba,jbc->jac", A, B))], axis=1).ravel()
+
+
+MEASURES: dict[str, Callable[[Placed, Any], Array]] = {
+    "spring": lambda at, springs: lengths(at, springs.rows),
+    "torsion": from_free,
+    "bushing": offsets,
+    "contact": lambda at, contacts: contacts.touching(at).gap,
+    "ball": lambda at, contacts: contacts.touching(at).gap,
+}

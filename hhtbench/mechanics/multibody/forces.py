@@ -1,0 +1,155 @@
+"""Springs, bushings, contacts and loads of a mechanism."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.mechanics.multibody.joints import Joints
+from hhtbench.mechanics.multibody.parts import Row
+from hhtbench.mechanics.multibody.rows import Law
+from hhtbench.protocol.errors import ProblemError
+
+
+@dataclass(kw_only=True)
+class Element:
+    """A spring, bushing, contact or load: its kind and its number in it."""
+
+    name: str
+    kind: str
+    number: int
+
+
+class Forces(Joints):
+    """Bodies, joints and forces."""
+
+    def __init__(self, *, plane: bool) -> None:
+        super().__init__(plane=plane)
+        self.forces: dict[str, Element] = {}
+
+    def _element(self, kind: str, name: str, first: str, second: str, **given: Any) -> str:
+        self._expect_new(name, self.forces)
+        self.forces[name] = Element(name=name, kind=kind, number=self.row(kind, first, second, **given)[1])
+        return name
+
+    def spring(
+        self,
+        name: str,
+        first: str,
+        second: str,
+        at: Any,
+        at_second: Any,
+        stiffness: float,
+        damping: float = 0.0,
+        free: float | None = None,
+    ) -> str:
+        """Spring [N/m] and damper [N s/m] between points; ``free`` is the length [m] without force, else that drawn."""
+        a, b = self._vector("at", at), self._vector("at_second", at_second)
+        free = float(np.linalg.norm(a - b)) if free is None else free
+        return self._element("spring", name, first, second, a=a, b=b, stiffness=stiffness, damping=damping, free=free)
+
+    def torsion(self, name: str, joint: str, stiffness: float, damping: float = 0.0, free: float = 0.0) -> str:
+        """Spring [N m/rad] and damper [N m s/rad] about a revolute joint, without moment at the angle ``free`` [rad].
+
+        The angle is zero in the drawn pose.  In the plane turns are counted; in space the moment jumps half a turn from
+        ``free``.
+        """
+        self._expect_new(name, self.forces)
+        row = self._turn(self._find(joint, "revolute", "cylindrical"), None, "torsion")
+        self.rows["torsion"][-1].more |= {"stiffness": stiffness, "damping": damping, "free": free}
+        self.forces[name] = Element(name=name, kind="torsion", number=row[1])
+        return name
+
+    def bushing(
+        self, name: str, first: str, second: str, at: Any, stiffness: Any, damping: Any = 0.0, axes: Any = None
+    ) -> str:
+        """Springs and dampers against all offsets of two frames along ``axes`` (3, 3), columns, that coincide as drawn.
+
+        ``stiffness`` and ``damping`` (6,): three translations [N/m], three rotations [N m/rad]; in the plane (3,).
+        """
+        size = 3 if self.plane else 6
+        values = {
+            key: np.broadcast_to(np.asarray(value, float), (size,))
+            for key, value in (("stiffness", stiffness), ("damping", damping))
+        }
+        there = self._vector("at", at)
+        (_, R1, angle1), (_, R2, angle2) = self.pose(first), self.pose(second)
+        frame = np.eye(self.dimension) if axes is None else np.asarray(axes, float)
+        more = {"axes": np.array([R1.T @ frame, R2.T @ frame])} if not self.plane else {"axes": 0.0}
+        return self._element(
+            "bushing", name, first, second, a=there, b=there, value=angle2 - angle1, free=np.zeros(size), **values, **more
+        )
+
+    def contact(
+        self,
+        name: str,
+        first: str,
+        second: str,
+        at: Any,
+        stiffness: float,
+        *,
+        radius: float = 0.0,
+        point: Any = None,
+        normal: Any = None,
+        centre: Any = None,
+        other: float = 0.0,
+        loss: float = 0.0,
+        onset: float,
+        power: float = 1.5,
+        friction: tuple[float, float] | None = None,
+    ) -> str:
+        """Contact of a ball (a circle in the plane) of the first with a plane or with a ball of the second body.
+
+        Parameters
+        ----------
+        at, radius
+            Centre (d,) and radius [m] of the first; 0: a point.
+        point, normal
+            Of the plane, (d,) [m] and outward; or
+        centre, other
+            centre (d,) and radius [m] of the other ball, below 0 for a hollow one around the first.
+        stiffness, power, loss, onset
+            Of Hunt and Crossley's force [N/m^power], see ``contact.hunt_crossley`` [s/m, m].
+        friction
+            Coefficient and creep [m/s], see ``contact.friction``.
+        """
+        if (normal is None) == (centre is None):
+            raise ProblemError(
+                f"contact {name!r}: give either point= and normal= of a plane, or centre= and other= of a ball."
+            )
+        more: dict[str, Any] = {
+            "radius": radius,
+            "other": other,
+            "stiffness": stiffness,
+            "loss": loss,
+            "onset": onset,
+            "power": power,
+        }
+        more["rub"] = (0.0, 1.0) if friction is None else friction
+        a = self._vector("at", at)
+        if centre is not None:
+            return self._element("ball", name, first, second, a=a, b=self._vector("centre", centre), **more)
+        up = self._vector("normal", normal) / np.linalg.norm(normal)
+        return self._element("contact", name, first, second, a=a, b=self._vector("point", point), w=up, **more)
+
+    def load(
+        self, name: str, body: str, at: Any = None, *, force: Any = None, torque: Any = None, follows: bool = False
+    ) -> str:
+        """Force (d,) [N] at the point ``at`` of a body, its centre if not given, and torque [N m]: constants or functions of
+        time in ``jax.numpy``.  Components are in space, with ``follows=True`` in the body's frame.
+        """
+        zero = np.zeros(self.dimension), 0.0 if self.plane else np.zeros(3)
+        laws: list[Law | None] = [x if callable(x) else None for x in (force, torque)]
+        values = [
+            none if x is None or callable(x) else np.asarray(x, float) for x, none in zip((force, torque), zero, strict=True)
+        ]
+        there = self.pose(body)[0] if at is None else self._vector("at", at)
+        more = {"force": values[0], "torque": values[1], "torques": laws[1], "follows": follows}
+        return self._element("load", name, "ground", body, b=there, law=laws[0], **more)
+
+
+def column(rows: list[Row], name: str) -> Any:
+    """The values of ``name`` of ``rows``, (j, ...)."""
+    return np.array([row.more[name] for row in rows], dtype=float)

@@ -1,0 +1,193 @@
+"""Mechanisms of rigid bodies, described by names of bodies, joints and forces."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from hhtbench.mechanics.lines import chain
+from hhtbench.mechanics.multibody import assembly
+from hhtbench.mechanics.multibody.elements import Contacts, Loads, Springs
+from hhtbench.mechanics.multibody.forces import Forces, column
+from hhtbench.mechanics.multibody.parts import GROUND
+from hhtbench.mechanics.multibody.readings import BodyReading, ElementReading, JointReading, tabulated
+from hhtbench.mechanics.multibody.rows import FAMILIES, Curves, Gears, Rolling
+from hhtbench.mechanics.multibody.system import Multibody
+from hhtbench.protocol.errors import ProblemError, did_you_mean
+from hhtbench.protocol.system import Problem
+
+
+class Mechanism(Forces):
+    """Bodies, joints and forces by name, which become a :class:`~hhtbench.protocol.system.Problem` for every solver.
+
+    Coordinates are absolute: 7 of every body in space, 3 with ``plane=True``, where planar mechanisms belong: in space their
+    joints have redundant rows.  Angles and travels of joints are zero in the drawn pose.
+    """
+
+    def __init__(self, gravity: Any = None, *, plane: bool = False) -> None:
+        """``gravity`` (d,) [m/s^2]; if not given 9.81 along the last axis, downward."""
+        super().__init__(plane=plane)
+        down = -9.81 * np.eye(self.dimension)[-1]
+        self.gravity = down if gravity is None else self._vector("gravity", gravity)
+
+    def system(self) -> Multibody:
+        """Make the system of equations."""
+        if not self.bodies:
+            raise ProblemError("a mechanism needs a body: m.body(name, mass, inertia, at=...).")
+        bodies = self.bodies.values()
+        J = np.array([body.inertia for body in bodies])
+        j0 = J if self.plane else np.trace(J, axis1=1, axis2=2) / 3
+        diagonal = not self.plane and not J[:, ~np.eye(3, dtype=bool)].any()
+        given = {kind: rows for kind, rows in self.rows.items() if rows}
+        return Multibody(
+            m=[body.mass for body in bodies],
+            J=np.diagonal(J, axis1=1, axis2=2) if diagonal else J,
+            j0=j0,
+            gravity=self.gravity,
+            flat=self.plane,
+            joints={name: self._family(name) for name in FAMILIES if name in given},
+            elements={
+                kind: self._elements(kind) for kind in ("spring", "torsion", "bushing", "contact", "ball") if kind in given
+            },
+            loads=self._loads() if "load" in given else None,
+            speeds=self.rows_of("speed") if "speed" in given else None,
+            moves=any(row.law is not None for family in ("slide", "turn") for row in given.get(family, [])),
+        )
+
+    def _family(self, name: str) -> Any:
+        rows, made = self.rows[name], self.rows_of(name)
+        if name in ("gear", "screw"):
+            return Gears(made, self.rows_of(f"{name} other"), ratio=column(rows, "ratio"), teeth=column(rows, "teeth"))
+        if name == "curve":
+            return Curves(made, tuple(row.more["function"] for row in rows))
+        if name == "rolling":
+            return Rolling(made, radius=column(rows, "radius"), across=column(rows, "across"))
+        return made
+
+    def _elements(self, kind: str) -> Any:
+        rows, made = self.rows[kind], self.rows_of(kind)
+        if kind in ("contact", "ball"):
+            names = "radius", "other", "stiffness", "loss", "onset", "power", "rub"
+            rub = column(rows, "rub")
+            return Contacts(
+                made, **{name: column(rows, name) for name in names}, balls=kind == "ball", rubs=bool(rub[:, 0].any())
+            )
+        axes = column(rows, "axes") if kind == "bushing" else 0.0
+        values = {name: column(rows, name).ravel() for name in ("stiffness", "damping", "free")}
+        return Springs(rows=made, axes=axes, **values)
+
+    def _loads(self) -> Loads:
+        rows = self.rows["load"]
+        further = {name: tuple(row.more[name] for row in rows) for name in ("torques", "follows")}
+        return Loads(self.rows_of("load"), column(rows, "force"), column(rows, "torque"), **further)
+
+    def start(self) -> tuple[Any, Any]:
+        """Coordinates and velocities (n,) of the bodies at their present poses."""
+        bodies = self.bodies.values()
+        turned = [body.angle if self.plane else body.R for body in bodies]
+        q = self.frame.coordinates([body.x for body in bodies], np.array(turned))
+        return q, self.frame.velocities(q, [body.velocity for body in bodies], np.array([body.rate for body in bodies]))
+
+    def problem(self, t_span: tuple[float, float], *, name: str = "mechanism", **options: Any) -> Problem:
+        """Make the problem over ``t_span`` [s] from the present poses; ``options`` are those of ``hb.Problem``.
+
+        Call :meth:`assemble` before if the bodies do not fit their joints yet.
+        """
+        q0, v0 = self.start()
+        return Problem(name=name, system=self.system(), t_span=t_span, q0=q0, v0=v0, **{"sketch": self.sketch} | options)
+
+    def assemble(
+        self, at: dict[str, float] | None = None, *, rates: dict[str, float] | None = None, t: float = 0.0
+    ) -> assembly.Mobility:
+        """Move the bodies from their rough poses to where the joints hold, and change their velocities likewise.
+
+        Of all such moves it is about the least one in the norm of the masses.
+
+        Parameters
+        ----------
+        at
+            Angles [rad] or travels [m] of joints by name, from the drawn pose.
+        rates
+            Rates [rad/s, m/s] of joints by name.
+        t
+            Time [s] at which motors are taken: the start of the problem.
+
+        Returns
+        -------
+        Mobility
+            Degrees of freedom, and the joints whose rows are redundant.
+
+        Raises
+        ------
+        ProblemError
+            The joints cannot be brought together; the text names those that stay open.
+        """
+        return assembly.assemble(self, at or {}, rates or {}, t)
+
+    def mobility(self) -> assembly.Mobility:
+        """Degrees of freedom at the present poses, and the joints whose rows are redundant there."""
+        return assembly.mobility(self)
+
+    def of(self, solution: Any, name: str) -> Any:
+        """What ``solution`` tells of a joint, motor, body, spring, bushing or contact: forces, angles, poses, energies."""
+        if name in self.joints:
+            return JointReading(self, solution, self.joints[name])
+        if name in self.bodies:
+            return BodyReading(self, solution, name)
+        if name in self.forces and self.forces[name].kind != "load":
+            return ElementReading(self, solution, self.forces[name])
+        known = [*self.joints, *self.bodies, *self.forces]
+        raise ProblemError(f"there is no joint, body or force {name!r}.{did_you_mean(name, known)}")
+
+    def table(self, solution: Any) -> dict[str, Any]:
+        """Columns by name for a data frame: time, centres of bodies, angles, travels, forces and torques of joints."""
+        return tabulated(self, solution)
+
+    def sketch(self, q: Any) -> dict[str, Any]:
+        """Drawing at ``q``: every body as lines from its centre to its joints."""
+        at = self.frame.placed(np.asarray(q))
+        points, lines = [], []
+        for name in self.bodies:
+            centre, R = np.asarray(at.x[self.number(name)]), np.asarray(at.R[self.number(name)])
+            ends = [
+                centre + R @ joint.points[side]
+                for joint in self.joints.values()
+                for side, body in enumerate((joint.first, joint.second))
+                if body == name
+            ]
+            points += ends
+            lines += [chain(np.array([centre, end])) for end in ends]
+        centres = np.asarray(at.x[:-1])
+        none = np.zeros((0, 2, self.dimension))
+        return {
+            "points": np.concatenate([centres, *np.array(points)[None]] if points else [centres]),
+            "lines": np.concatenate([none, *lines]),
+        }
+
+    def velocity_rows_by_joint(self) -> dict[str, Any]:
+        """Numbers of the rows of every joint among the velocity constraints: of rolling, then of prescribed rates."""
+        count, each = len(self.rows.get("rolling", [])), self.dimension - 1
+        found = {}
+        for name, joint in self.joints.items():
+            rolls = [i for family, i in joint.rows if family == "rolling"]
+            speeds = [count * each + i for family, i in joint.rows if family == "speed"]
+            found[name] = np.array([i + count * j for i in rolls for j in range(each)] + speeds, dtype=int)
+        return found
+
+    def rows_by_joint(self) -> dict[str, Any]:
+        """Numbers of the rows of every joint among the position constraints."""
+        start, sizes = 0 if self.plane else len(self.bodies), {}
+        for family in FAMILIES:
+            for i, row in enumerate(self.rows.get(family, [])):
+                count = {"point": self.dimension, "curve": row.more.get("count", 1)}.get(family, 1)
+                sizes[family, i] = np.arange(start, start + count)
+                start += count
+        none = np.zeros(0, dtype=int)
+        return {
+            name: np.concatenate([none, *(sizes[row] for row in joint.rows if row in sizes)]).astype(int)
+            for name, joint in self.joints.items()
+        }
+
+
+__all__ = ["GROUND", "Mechanism"]

@@ -1,0 +1,200 @@
+"""Residuals of joints between bodies, one vectorised family for each kind of row.
+
+Every joint is made of a few of these families, so that any number of joints compiles like a handful.  Points and
+directions are in the frames of their bodies: ``a, u, x, y`` of the first, ``b, w`` of the second.
+Source: P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice Hall 1988, chapters 4 and 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from hhtbench.mechanics.forces import distances
+from hhtbench.mechanics.multibody.frames import Placed
+from hhtbench.protocol.system import parameter
+
+Law = Callable[[Any], Any]  # a function of time
+
+
+class Rows(eqx.Module):
+    """j rows of one family; arrays that the family does not use are zero."""
+
+    first: tuple[int, ...] = eqx.field(static=True)  #: bodies, the ground is the last
+    second: tuple[int, ...] = eqx.field(static=True)
+    laws: tuple[Law | None, ...] = eqx.field(static=True)  #: prescribed values, None for a constant
+    a: Any = parameter(doc="points of the first bodies (j, d) [m]")
+    b: Any = parameter(doc="points of the second bodies (j, d) [m]")
+    u: Any = parameter(doc="directions of the first (j, d)")
+    w: Any = parameter(doc="directions of the second (j, d)")
+    y: Any = parameter(doc="further directions of the first (j, d)")
+    value: Any = parameter(doc="constants (j,)")
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def points(self, at: Placed) -> tuple[Array, Array]:
+        """Points (j, d) of the first and of the second bodies in space."""
+        return at.point(self.first, self.a), at.point(self.second, self.b)
+
+    def driven(self, t: Any, found: Array) -> Array:
+        """``found`` (j,) less the prescribed values at time ``t``."""
+        for i, law in enumerate(self.laws):
+            found = found if law is None else found.at[i].add(-law(t))
+        return found
+
+
+def point(at: Placed, rows: Rows, t: Any) -> Array:
+    """Points of the first less points of the second, (d j,) [m]."""
+    first, second = rows.points(at)
+    return (first - second).ravel()
+
+
+def dot(at: Placed, rows: Rows, t: Any) -> Array:
+    """Scalar products of directions ``u`` and ``w``, (j,)."""
+    return jnp.sum(at.along(rows.first, rows.u) * at.along(rows.second, rows.w), axis=1)
+
+
+def slide(at: Placed, rows: Rows, t: Any) -> Array:
+    """Travels of points ``b`` from points ``a`` along ``u``, less prescribed ones, (j,) [m]."""
+    return rows.driven(t, travels(at, rows))
+
+
+def travels(at: Placed, rows: Rows) -> Array:
+    """Travels (j,) [m] of points ``b`` from points ``a`` along ``u``."""
+    first, second = rows.points(at)
+    return jnp.sum(at.along(rows.first, rows.u) * (second - first), axis=1)
+
+
+def distance(at: Placed, rows: Rows, t: Any) -> Array:
+    """Squares of distances less those of ``value``, over twice ``value``: near that the change of distance, (j,) [m]."""
+    first, second = rows.points(at)
+    return (jnp.sum((first - second) ** 2, axis=1) - rows.value**2) / (2 * rows.value)
+
+
+def turn(at: Placed, rows: Rows, t: Any) -> Array:
+    """Angles of the second about the first less prescribed ones, (j,) [rad]; in space their sines, for any number of turns.
+
+    In space ``sin(angle - law) = s cos(law) - c sin(law)`` of the cosine c = u.w and the sine s = y.w.
+    """
+    if at.angle is not None:
+        return rows.driven(t, angles(at, rows))
+    cosine, sine = _cosine_and_sine(at, rows)
+    for i, law in enumerate(rows.laws):
+        if law is not None:
+            sine = sine.at[i].set(sine[i] * jnp.cos(law(t)) - cosine[i] * jnp.sin(law(t)))
+    return sine
+
+
+def angles(at: Placed, rows: Rows) -> Array:
+    """Angles (j,) [rad] of the second about the first from the drawn pose; in space in (-pi, pi]."""
+    if at.angle is not None:
+        return at.angle[jnp.array(rows.second)] - at.angle[jnp.array(rows.first)] - rows.value
+    cosine, sine = _cosine_and_sine(at, rows)
+    return jnp.arctan2(sine, cosine)
+
+
+def _cosine_and_sine(at: Placed, rows: Rows) -> tuple[Array, Array]:
+    w = at.along(rows.second, rows.w)
+    return jnp.sum(at.along(rows.first, rows.u) * w, axis=1), jnp.sum(at.along(rows.first, rows.y) * w, axis=1)
+
+
+def lengths(at: Placed, rows: Rows) -> Array:
+    """Distances (j,) [m] of points ``a`` and ``b``."""
+    return distances(*rows.points(at))
+
+
+class Gears(eqx.Module):
+    """Angles that teeth couple to other angles, or threads to travels: ``angle + ratio other = 0``."""
+
+    angle: Rows
+    other: Rows  #: angles of gears; travels of screws
+    ratio: Any = parameter(doc="turns of the first per unit of the other (j,)")
+    teeth: Any = parameter(doc="of the first (j,)")
+
+
+def gear(at: Placed, gears: Gears, t: Any) -> Array:
+    """Angles of the first gears plus ``ratio`` times those of the others, (j,) [rad].
+
+    In space, where angles are known up to whole turns, ``sin(teeth phase) / teeth``: whole teeth change nothing.
+    """
+    return _phase(at, gears, angles(at, gears.angle) + gears.ratio * angles(at, gears.other))
+
+
+def screw(at: Placed, screws: Gears, t: Any) -> Array:
+    """Angles plus ``ratio`` times travels, (j,) [rad]; in space their sines."""
+    return _phase(at, screws, angles(at, screws.angle) + screws.ratio * travels(at, screws.other))
+
+
+def _phase(at: Placed, gears: Gears, phase: Array) -> Array:
+    return phase if at.angle is not None else jnp.sin(gears.teeth * phase) / gears.teeth
+
+
+class Rolling(eqx.Module):
+    """Discs and balls on planes of second bodies."""
+
+    rows: Rows  #: ``a`` the centre, ``u`` the disc's unit axis (0 for a ball), ``b`` and ``w`` point and normal of the plane
+    radius: Any = parameter(doc="(j,) [m]")
+    across: Any = parameter(doc="directions (j, d - 1, d) of the plane, in the second body")
+
+    def lowest(self, at: Placed) -> Array:
+        """Points (j, d) of the discs that are the nearest to the plane."""
+        normal, axis = at.along(self.rows.second, self.rows.w), at.along(self.rows.first, self.rows.u)
+        down = normal - jnp.sum(normal * axis, axis=1, keepdims=True) * axis
+        return at.point(self.rows.first, self.rows.a) - self.radius[:, None] * down / jnp.linalg.norm(down, axis=1)[:, None]
+
+
+def height(at: Placed, rolling: Rolling, t: Any) -> Array:
+    """Heights (j,) [m] of the lowest points above the plane."""
+    above = rolling.lowest(at) - at.point(rolling.rows.second, rolling.rows.b)
+    return jnp.sum(at.along(rolling.rows.second, rolling.rows.w) * above, axis=1)
+
+
+def slip(frame: Any, rolling: Rolling, q: Array, v: Array) -> Array:
+    """Velocities ((d - 1) j,) [m/s] of the points of contact along the plane: zero without slip."""
+    at = frame.placed(q)
+    pairs = rolling.rows.first, rolling.rows.second
+    local = [at.local(bodies, rolling.lowest(at)) for bodies in pairs]
+    apart = lambda at: at.point(pairs[0], local[0]) - at.point(pairs[1], local[1])  # noqa: E731
+    _, velocity = jax.jvp(lambda y: apart(frame.placed(y)), (q,), (v,))
+    parts = [jnp.sum(at.along(pairs[1], rolling.across[:, i]) * velocity, axis=1) for i in range(rolling.across.shape[1])]
+    return jnp.concatenate(parts)
+
+
+def turning(frame: Any, rows: Rows, q: Array, v: Array) -> Array:
+    """Rates (j,) [rad/s] of the second bodies about the first, about their axes ``b``."""
+    w = frame.rates(q, v)
+    apart = w[jnp.array(rows.second)] - w[jnp.array(rows.first)]
+    return apart if apart.ndim == 1 else jnp.sum(apart * frame.placed(q).along(rows.second, rows.b), axis=1)
+
+
+class Curves(eqx.Module):
+    """Points of second bodies on curves of first ones."""
+
+    rows: Rows
+    functions: tuple[Callable[[Any], Any], ...] = eqx.field(static=True)  #: zero on the curve, of a point (d,)
+
+
+def curve(at: Placed, curves: Curves, t: Any) -> Array:
+    """Values of the curves' functions at the points ``b`` in the frames of the first bodies."""
+    local = at.local(curves.rows.first, at.point(curves.rows.second, curves.rows.b))
+    found = [jnp.ravel(function(x)) for function, x in zip(curves.functions, local, strict=True)]
+    return jnp.concatenate(found)
+
+
+FAMILIES: dict[str, Callable[[Placed, Any, Any], Array]] = {
+    "point": point,
+    "dot": dot,
+    "slide": slide,
+    "distance": distance,
+    "turn": turn,
+    "gear": gear,
+    "screw": screw,
+    "curve": curve,
+    "rolling": height,
+}

@@ -1,0 +1,108 @@
+"""Equations of motion of rigid bodies with joints and forces, as a System that every solver takes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from hhtbench.mechanics import forces, plane, space
+from hhtbench.mechanics.multibody.elements import MEASURES, Loads, Measure
+from hhtbench.mechanics.multibody.frames import Plane, Space
+from hhtbench.mechanics.multibody.rows import FAMILIES, Rows, slip, turning
+from hhtbench.protocol.system import System, parameter
+
+
+class Multibody(System):
+    """k rigid bodies in space or in the plane with joints and forces; what a mechanism has not is not declared."""
+
+    m: Any = parameter(doc="masses (k,) [kg]")
+    J: Any = parameter(doc="moments (k, 3) or tensors (k, 3, 3) in space, moments (k,) in the plane [kg m^2]")
+    j0: Any = parameter(doc="inertia along each quaternion (k,); motion and reactions do not depend on it [kg m^2]")
+    gravity: Any = parameter(doc="(d,) [m/s^2]")
+    flat: bool = eqx.field(static=True, default=False)
+    joints: dict[str, Any] = eqx.field(default_factory=dict)  #: rows of position constraints, by family
+    elements: dict[str, Any] = eqx.field(default_factory=dict)  #: springs and contacts, by kind
+    loads: Loads | None = None
+    speeds: Rows | None = None  #: prescribed rates
+    moves: bool = eqx.field(static=True, default=False)  #: whether motors prescribe positions
+
+    @property
+    def frame(self) -> Any:
+        """Plane or Space."""
+        return Plane if self.flat else Space
+
+    @property
+    def mass_matrix(self) -> Any:
+        """Diagonal (3 k,) in the plane; in space a function of (t, q), a block for each body."""
+        return plane.mass_of_bodies(self.m, self.J) if self.flat else self._mass
+
+    @property
+    def constraint(self) -> Any:
+        """Function of (t, q): norms of quaternions, then one family of rows after the other (m,); None without any."""
+        return self._rows if self.joints or not self.flat else None
+
+    @property
+    def velocity_constraint(self) -> Any:
+        """Function of (t, q, v): rolling without slip, then prescribed rates (p,); None without any."""
+        return self._velocity_rows if "rolling" in self.joints or self.speeds is not None else None
+
+    @property
+    def power(self) -> Any:
+        """Function of (t, q, v, lam, mu): power [W] of dampers, friction, loads and motors; None if there are none."""
+        conserved = not (self.elements or self.moves) and self.loads is None and self.speeds is None
+        return None if conserved else self._power
+
+    def force(self, t: Array, q: Array, v: Array) -> Array:
+        """Weight, terms quadratic in velocities, springs, contacts and loads, (n,)."""
+        if self.flat:
+            total = plane.weight_of_bodies(self.m, self.gravity)
+        else:
+            total = space.force_on_bodies(q, v, self.m, self.J, self.gravity)
+        for kind, element in self.elements.items():
+            total = total + forces.force_of(self._measure(kind), element.law, q, v)
+        return total + self._applied(t, q, v)
+
+    def energy(self, t: Array, q: Array, v: Array) -> Array:
+        """Kinetic energy and energy of weight, springs and contacts [J]."""
+        total = (plane if self.flat else space).energy_of_bodies(q, v, self.m, self.J, self.gravity)
+        return total + sum(element.energy(self._measure(kind)(q)) for kind, element in self.elements.items())
+
+    def _mass(self, t: Any, q: Any) -> Array:
+        return space.mass_of_bodies(q, self.m, self.J, self.j0)
+
+    def _rows(self, t: Any, q: Any) -> Array:
+        at = self.frame.placed(q)
+        parts = [FAMILIES[name](at, rows, t) for name, rows in self.joints.items()]
+        return jnp.concatenate([self.frame.own_rows(q), *parts])
+
+    def _velocity_rows(self, t: Any, q: Any, v: Any) -> Array:
+        parts = [slip(self.frame, self.joints["rolling"], q, v)] if "rolling" in self.joints else []
+        if self.speeds is not None:
+            parts.append(self.speeds.driven(t, turning(self.frame, self.speeds, q, v)))
+        return jnp.concatenate(parts)
+
+    def _applied(self, t: Any, q: Any, v: Any) -> Array:
+        """Loads and friction (n,)."""
+        total = jnp.zeros_like(q) if self.loads is None else self.loads.generalised(self.frame, t, q)
+        for element in self.elements.values():
+            if getattr(element, "rubs", False):
+                total = total + element.friction(self.frame, q, v)
+        return total
+
+    def _power(self, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Array:
+        total = self._applied(t, q, v) @ v
+        for kind, element in self.elements.items():
+            total = total + forces.power_lost(self._measure(kind), element.law, q, v)
+        if self.moves:
+            total = total + lam @ jax.jvp(lambda s: self._rows(s, q), (t,), (jnp.ones_like(t),))[1]
+        if self.speeds is not None:
+            rate = turning(self.frame, self.speeds, q, v)
+            total = total - mu[mu.size - rate.size :] @ rate
+        return total
+
+    def _measure(self, kind: str) -> Measure:
+        return lambda q: MEASURES[kind](self.frame.placed(q), self.elements[kind])
