@@ -92,7 +92,7 @@ def test_a_load_at_a_point_is_a_force_and_a_moment():
     np.testing.assert_allclose(found, [2.0, -1.0, arm[0] * -1.0 - arm[1] * 2.0], atol=1e-14)
 
 
-def test_the_slider_crank_of_the_page_moves_as_one_angle_says(capsys):
+def test_both_slider_cranks_of_the_page_move_as_one_angle_says(capsys):
     scope = run_page("mechanisms.md")
     assert "claims hold" in capsys.readouterr().out
     a, b, masses, k, c, g = 0.5, 1.2, np.array([1.0, 2.0, 3.0]), 40.0, 2.0, 9.81
@@ -126,6 +126,8 @@ def test_the_slider_crank_of_the_page_moves_as_one_angle_says(capsys):
     solution = scope["solution"]
     assert abs(solution.q[-1, 2] - known[0]) < 2e-4
     np.testing.assert_allclose(solution.q[-1], positions(jnp.array(known[0])), atol=3e-4)
+    by_name = scope["m"].of(scope["run"], "A").angle()[-1]
+    assert abs(by_name - known[0]) < 2e-4
 
 
 def test_a_wheel_rolls_down_an_incline():
