@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     )
     from hhtbench.checks.drift import Drift, measure_drift
     from hhtbench.checks.problem import check
+    from hhtbench.linear.statics import Equilibrium, equilibrium
+    from hhtbench.linear.vibration import Modes, modes
     from hhtbench.lowering.description import describe
     from hhtbench.lowering.equations import Equations
     from hhtbench.protocol.errors import NotFoundError, ProblemError, Stop
@@ -39,7 +41,9 @@ __all__ = [
     "Drift",
     "Ends",
     "Equations",
+    "Equilibrium",
     "Event",
+    "Modes",
     "Motion",
     "NotFoundError",
     "NumpySystem",
@@ -56,6 +60,7 @@ __all__ = [
     "__version__",
     "check",
     "describe",
+    "equilibrium",
     "from_sympy",
     "list_problems",
     "list_solvers",
@@ -64,6 +69,7 @@ __all__ = [
     "load_solver",
     "load_verification",
     "measure_drift",
+    "modes",
     "parameter",
     "plan_steps",
     "run",
@@ -79,6 +85,8 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "campaign.public": ("Runs", "run"),
     "checks.drift": ("Drift", "measure_drift"),
     "checks.problem": ("check",),
+    "linear.statics": ("Equilibrium", "equilibrium"),
+    "linear.vibration": ("Modes", "modes"),
     "lowering.description": ("describe",),
     "lowering.equations": ("Equations",),
     "protocol.errors": ("NotFoundError", "ProblemError", "Stop"),

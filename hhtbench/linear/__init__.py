@@ -1,0 +1,1 @@
+"""Equilibria and small motions: static positions, frequencies, damping and shapes."""
