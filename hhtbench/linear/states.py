@@ -7,13 +7,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhtbench.linear.tangent import Terms, terms_of
-from hhtbench.lowering import CONSISTENT, ConstraintLevels, derive, size_of
+from hhtbench.lowering import CONSISTENT, ConstraintLevels, derive, route_of, size_of
 from hhtbench.lowering.dynamics.rank import RANK_TOLERANCE
 from hhtbench.lowering.equations import Equations
 from hhtbench.protocol.arguments import Vector, real_number, real_vector
 from hhtbench.protocol.errors import ProblemError, Stop
 from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem, Unscaled
+
+EPS = float(np.finfo(float).eps)
+DIFFERENCES = 1e-8  # relative error of a derivative by first differences
 
 
 class Rates(NamedTuple):
@@ -33,7 +36,9 @@ class FixedTime:
         self.problem = problem
         self.t = problem.t_span[0] if t is None else real_number("t", t, unit=" [s]")
         dynamics = derive(problem.system, self.t, problem.q0, problem.v0)
-        self.structure, self._levels, self._terms = dynamics.structure, ConstraintLevels(dynamics, full=True), terms_of(dynamics)
+        self.structure, self._levels = dynamics.structure, ConstraintLevels(dynamics, full=True)
+        self._terms = terms_of(dynamics)
+        self.error = DIFFERENCES if route_of(dynamics) == "numpy" else EPS  #: relative, of derivatives
 
     def positions(self, name: str, q: Any) -> Vector:
         """``q`` as a vector (n,)."""

@@ -30,7 +30,6 @@ MAX_DOUBLINGS = 100  # of the added stiffness: from roundoff beyond any other
 BALANCED = 1e-12  # imbalance of forces relative to the largest ones met
 ROUNDOFF = 1e-13  # error of a force relative to stiffness times size, and of a constraint relative to its row
 SINGULAR = 1e-13  # singular values of the scaled matrix, relative to the largest, that are zero
-ZERO_GROWTH = 1e-7  # growth rates, relative to the largest eigenvalue, that are roundoff: the root of eps
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,13 +88,8 @@ def equilibrium(problem: Problem, t: float | None = None, q: Any = None) -> Equi
         mu=found.mu,
         residual=float(np.abs(terms.balance).max()),
         iterations=iterations,
-        stable=not grows(np.linalg.eigvals(linearise(terms, np.zeros((zero.size, zero.size))).matrix)),
+        stable=not linearise(terms, np.zeros((zero.size, zero.size))).spectrum(at.error).grows,
     )
-
-
-def grows(eigenvalues: Any) -> bool:
-    """True if one of ``eigenvalues`` (r,) [1/s] has a positive real part that is not roundoff."""
-    return bool(eigenvalues.size and eigenvalues.real.max() > ZERO_GROWTH * np.abs(eigenvalues).max())
 
 
 class Rest(NamedTuple):

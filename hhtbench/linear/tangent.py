@@ -24,10 +24,14 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import eig, matrix_balance
 
 from hhtbench.lowering import Dynamics, compile_function
 from hhtbench.lowering.dynamics.rank import RANK_TOLERANCE
 from hhtbench.protocol.arguments import Matrix, Vector
+
+SAFETY = 100.0  # bound of an eigenvalue's error over its estimate: entries of A are sums of many products
+TINY = np.finfo(float).tiny
 
 
 @dataclass(frozen=True)
@@ -103,12 +107,39 @@ def packed_terms(dynamics: Dynamics, t: Any, q: Any, v: Any, vdot: Any, lam: Any
 
 
 @dataclass(frozen=True)
+class Spectrum:
+    """Eigenvalues; a real part or a value that roundoff could have made is zero."""
+
+    values: Any  #: (r,) complex [1/s]
+    vectors: Any  #: (r, r) complex, one a column
+
+    @property
+    def grows(self) -> bool:
+        """True if a small motion grows."""
+        return bool(np.any(self.values.real > 0.0))
+
+
+@dataclass(frozen=True)
 class Linear:
     """Small motions ``x' = A x`` about one state, in coordinates (y, z) of the tangent spaces."""
 
     matrix: Matrix  #: (r, r) A [1/s]
     positions: Matrix  #: (n, r): x of (y, z); zero for z
     velocities: Matrix  #: (n, r): u of (y, z)
+
+    def spectrum(self, error: float) -> Spectrum:
+        """Eigenvalues and eigenvectors of A, whose entries have the relative ``error``.
+
+        A simple eigenvalue moves by at most its condition number times the change of A (G. H. Golub, C. F. Van Loan, Matrix
+        Computations, 2013, section 7.2.2); the halves of a double one that has split are within it, too.
+        """
+        if not self.matrix.size:
+            return Spectrum(np.zeros(0, complex), np.zeros((0, 0), complex))
+        balanced, scales = matrix_balance(self.matrix, permute=False)
+        values, left, right = eig(balanced, left=True, right=True)
+        noise = SAFETY * error * np.linalg.norm(balanced) / np.maximum(np.abs(np.sum(left.conj() * right, axis=0)), TINY)
+        values = np.where(np.abs(values) <= noise, 0.0, values)
+        return Spectrum(np.where(np.abs(values.real) <= noise, 1j * values.imag, values), scales @ right)
 
     def leaves(self, x: Vector, u: Vector) -> float:
         """Share of ``A (y, z)`` that is not zero, for small motions x and u that a symmetry only shifts along the path."""

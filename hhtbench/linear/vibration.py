@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.linear.states import FixedTime, Rates
-from hhtbench.linear.statics import Equilibrium, equilibrium, grows
+from hhtbench.linear.statics import Equilibrium, equilibrium
 from hhtbench.linear.tangent import Linear, linearise
 from hhtbench.protocol.arguments import Matrix, Vector, real_vector
 from hhtbench.protocol.errors import ProblemError
@@ -22,7 +22,7 @@ STEADY = 1e-6  # relative change of the linearised equations along a steady moti
 class Modes:
     """Small motions ``shapes[:, i] exp(eigenvalues[i] t)`` about one state, slowest first; one of each conjugate pair.
 
-    Free motions, as of a body that nothing holds, have eigenvalues of zero up to the root of roundoff.
+    Free motions, as of a body that nothing holds, have eigenvalues of zero.
     """
 
     eigenvalues: Any  #: (k,) complex [1/s]
@@ -35,7 +35,7 @@ class Modes:
     @property
     def stable(self) -> bool:
         """True if no small motion grows."""
-        return not grows(self.eigenvalues)
+        return not np.any(self.eigenvalues.real > 0.0)
 
 
 def modes(
@@ -70,13 +70,14 @@ def modes(
         at = equilibrium(problem, t)
     if isinstance(at, Equilibrium):
         zero = np.zeros(at.q.size)
-        terms = FixedTime(problem, at.t).terms(at.q, zero, Rates(zero, at.lam, at.mu))
-        return _modes_of(linearise(terms, np.zeros((zero.size, zero.size))), at.q, zero)
+        now = FixedTime(problem, at.t)
+        linear = linearise(now.terms(at.q, zero, Rates(zero, at.lam, at.mu)), np.zeros((zero.size, zero.size)))
+        return _modes_of(linear, now.error, at.q, zero)
     if not isinstance(at, (tuple, list)) or len(at) != 2:
         raise TypeError(f"at must be an Equilibrium or a pair (q, v); got {type(at).__name__}.")
     now = FixedTime(problem, t)
     q, v = now.positions("at[0]", at[0]), now.positions("at[1]", at[1])
-    return _modes_of(_linear_at(now, q, v, _matrix_of(along, q, v)), q, v)
+    return _modes_of(_linear_at(now, q, v, _matrix_of(along, q, v)), now.error, q, v)
 
 
 def _matrix_of(along: Callable[[Vector], Any] | None, q: Vector, v: Vector) -> Matrix:
@@ -105,17 +106,17 @@ def _linear_at(now: FixedTime, q: Vector, v: Vector, X: Matrix) -> Linear:
     return linear
 
 
-def _modes_of(linear: Linear, q: Vector, v: Vector) -> Modes:
+def _modes_of(linear: Linear, error: float, q: Vector, v: Vector) -> Modes:
     """Eigenvalues and shapes, slowest first."""
-    values, vectors = np.linalg.eig(linear.matrix)
-    order = [i for i in np.argsort(np.abs(values), kind="stable") if values[i].imag >= 0.0]
-    values, shapes = values[order], linear.positions @ vectors[:, order]
+    found = linear.spectrum(error)
+    order = [i for i in np.argsort(np.abs(found.values), kind="stable") if found.values[i].imag >= 0.0]
+    values, shapes = found.values[order], linear.positions @ found.vectors[:, order]
     largest = shapes[np.argmax(np.abs(shapes), axis=0), np.arange(len(order))]
     size = np.abs(values)
     return Modes(
         eigenvalues=values,
         frequencies=size / (2 * np.pi),
-        damping=-values.real / np.where(size > 0.0, size, 1.0),
+        damping=(0.0 - values.real) / np.where(size > 0.0, size, 1.0),
         shapes=shapes / np.where(largest == 0.0, 1.0, largest),
         q=q,
         v=v,

@@ -195,3 +195,21 @@ def velocity_at(q: Array, v: Array, body: Any, offset: Any) -> Array:
     (_, p), (xdot, pdot) = split(q), split(v)
     body = expect_bodies("body", body, len(p), ground=False)
     return xdot[body] + jnp.cross(space_rate(p[body], pdot[body]), expect_rows("offset", offset, body, 3))
+
+
+def carried(q: Any, velocity: Any, rate: Any, spins: Any) -> Array:
+    """Velocities (7 k,) of bodies that a moving frame carries and that spin about axes fixed in themselves.
+
+    Affine in ``q`` (7 k,): the ``along`` of a steady motion for :func:`hhtbench.modes`, as of wheels that roll.
+
+    Parameters
+    ----------
+    velocity, rate
+        (3,) velocity [m/s] of the frame at the origin and its angular velocity [rad/s], in space.
+    spins
+        (k, 3) angular velocities of the bodies relative to the frame, in the bodies' frames [rad/s].
+    """
+    x, p = split(q)
+    turning = quaternion_rate(p, jnp.broadcast_to(jnp.asarray(rate), x.shape))
+    spinning = jnp.einsum("kij,ki->kj", body_rate_matrix(p), expect_rows("spins", spins, np.arange(len(p)), 3)) / 2
+    return jnp.concatenate([velocity + jnp.cross(jnp.asarray(rate), x), turning + spinning], axis=1).ravel()
