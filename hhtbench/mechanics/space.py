@@ -212,4 +212,4 @@ def carried(q: Any, velocity: Any, rate: Any, spins: Any) -> Array:
     x, p = split(q)
     turning = quaternion_rate(p, jnp.broadcast_to(jnp.asarray(rate), x.shape))
     spinning = jnp.einsum("kij,ki->kj", body_rate_matrix(p), expect_rows("spins", spins, np.arange(len(p)), 3)) / 2
-    return jnp.concatenate([velocity + jnp.cross(jnp.asarray(rate), x), turning + spinning], axis=1).ravel()
+    return jnp.concatenate([jnp.asarray(velocity) + jnp.cross(jnp.asarray(rate), x), turning + spinning], axis=1).ravel()
