@@ -69,7 +69,7 @@ def terms_of(dynamics: Dynamics) -> Callable[..., Terms]:
     n, m, p = dynamics.structure.n, dynamics.structure.m, dynamics.structure.p
     shapes = ((n,), (m,), (n, n), (n, n), (n, n), (n, m + p), (m + p, n), (m + p, n))
     ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
-    packed = compile_function(packed_terms, dynamics, route="xla")  # called a few times: machine code would not pay
+    packed = compile_function(packed_terms, dynamics)
 
     def evaluate(*at: Any, rank: int | None = None) -> Terms:
         parts = np.split(np.asarray(packed(*at)), ends[:-1])
