@@ -38,9 +38,13 @@ def problem(speed=5.0):
     return mechanism(speed).problem((0.0, 2.0), name="bicycle")
 
 
+def along(speed):
+    """The velocities (28,) of rolling ahead as a function of q, wheels spinning about their axles."""
+    spins = np.outer([-speed / REAR, 0, 0, -speed / FRONT], AXLE)
+    return lambda q: space.carried(q, [speed, 0, 0], [0, 0, 0], spins)
+
+
 def modes(speed):
     """Weave, capsize, castering, and six eigenvalues of zero."""
     bicycle = problem(speed)
-    spins = np.outer([-speed / REAR, 0, 0, -speed / FRONT], AXLE)
-    along = lambda q: space.carried(q, [speed, 0, 0], [0, 0, 0], spins)  # noqa: E731
-    return hb.modes(bicycle, (bicycle.q0, bicycle.v0), along=along)
+    return hb.modes(bicycle, (bicycle.q0, bicycle.v0), along=along(speed))

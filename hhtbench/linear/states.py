@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -66,7 +67,7 @@ class FixedTime:
         s = self.structure
         if s.linear_reaction:
             terms = self.terms(q, v, Rates(vdot, np.zeros(s.m), np.zeros(s.p)))
-            found = np.linalg.lstsq(terms.columns, terms.balance, rcond=RANK_TOLERANCE)[0]
+            found: Any = np.linalg.lstsq(terms.columns, terms.balance, rcond=RANK_TOLERANCE)[0]
             return Rates(vdot, found[: s.m], found[s.m :])
         try:
             return Rates(vdot, *Equations(self.problem.starting((self.t, self.t + 1.0), q, v)).multipliers(self.t, q, v))
@@ -88,7 +89,7 @@ class FixedTime:
         """Raise a ProblemError if (q, v) violates a constraint."""
         at = self._levels.at(self.t, q, v)
         if not at.hold(q, v, 2 * CONSISTENT):
-            worst = max(sum(at.misfits(q, v), []), key=lambda misfit: misfit.relative)
+            worst = max(chain(*at.misfits(q, v)), key=lambda misfit: misfit.relative)
             raise ProblemError(
                 f"{self.problem.name}: the state violates a constraint, {worst.name} = {worst.value:.3g}; give a "
                 "consistent one, as hb.equilibrium or a solution has it."

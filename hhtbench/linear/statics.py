@@ -5,8 +5,8 @@ Newton's iteration on ``F + Q + Q_k = 0``, ``g = 0`` at v = 0, with a diagonal N
     [c N + R_q, -Q_lam, -Q_mu; g_q, 0, 0; k_v, 0, 0] [dq; dlam; dmu] = -[R; g; 0].
 
 c is the least for which the stiffness on the tangent space is positive and the step no longer than allowed, as in the trust
-region methods of optimisation (J. Nocedal, S. J. Wright, Numerical Optimization, 2006, chapter 4): downhill to a position that is stable.  Where
-that fails, c = 0, Newton's method.  Redundant rows and free coordinates take the step of least norm.
+region methods of optimisation (J. Nocedal, S. J. Wright, Numerical Optimization, 2006, chapter 4): downhill to a position
+that is stable.  Where that fails, c = 0, Newton's method.  Redundant rows and free coordinates take the step of least norm.
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def descend(at: FixedTime, q: Vector, *, downhill: bool) -> tuple[Rest | None, i
 
 
 def _guess(at: FixedTime, q: Vector) -> tuple[Vector, Vector]:
-    """Multipliers to begin with: those that balance the forces best; where the reaction is nonlinear as declared, or zero."""
+    """Multipliers to begin with: those that balance the forces best; of a nonlinear reaction as declared, or zero."""
     s, given = at.structure, (at.problem.lam_guess, at.problem.mu_guess)
     if s.linear_reaction:
         return at.multipliers(q, np.zeros(s.n), np.zeros(s.n))[1:]
@@ -147,7 +147,10 @@ def _added_stiffness(terms: Terms, longest: Vector) -> Vector:
     values, vectors = eigh(stiffness, Z.T @ (metric[:, None] * Z))
     ways = Z @ vectors
     forces = ways.T @ terms.balance
-    c, noise = max(0.0, -2.0 * float(values[0])), SINGULAR * float(np.abs(values).max() + np.abs(forces).max() / longest.min())
+    c, noise = (
+        max(0.0, -2.0 * float(values[0])),
+        SINGULAR * float(np.abs(values).max() + np.abs(forces).max() / longest.min()),
+    )
     for _ in range(MAX_DOUBLINGS):
         step = ways @ (forces / np.maximum(values + c, noise or 1.0))
         if np.all(np.abs(step) <= longest):

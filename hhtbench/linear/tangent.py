@@ -19,7 +19,7 @@ Seen by an observer who moves along, all matrices are constant, and x' = X x + Y
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -73,7 +73,8 @@ def terms_of(dynamics: Dynamics) -> Callable[..., Terms]:
 
     def evaluate(*at: Any, rank: int | None = None) -> Terms:
         parts = np.split(np.asarray(packed(*at)), ends[:-1])
-        return Terms(*(part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)), rank)
+        made = {field.name: part.reshape(shape) for field, part, shape in zip(fields(Terms), parts, shapes, strict=False)}
+        return Terms(**made, rank=rank)
 
     return evaluate
 
@@ -136,7 +137,8 @@ class Linear:
         if not self.matrix.size:
             return Spectrum(np.zeros(0, complex), np.zeros((0, 0), complex))
         balanced, scales = matrix_balance(self.matrix, permute=False)
-        values, left, right = eig(balanced, left=True, right=True)
+        found: Any = eig(balanced, left=True, right=True)
+        values, left, right = found
         noise = SAFETY * error * np.linalg.norm(balanced) / np.maximum(np.abs(np.sum(left.conj() * right, axis=0)), TINY)
         values = np.where(np.abs(values) <= noise, 0.0, values)
         return Spectrum(np.where(np.abs(values.real) <= noise, 1j * values.imag, values), scales @ right)

@@ -211,5 +211,5 @@ def carried(q: Any, velocity: Any, rate: Any, spins: Any) -> Array:
     """
     x, p = split(q)
     turning = quaternion_rate(p, jnp.broadcast_to(jnp.asarray(rate), x.shape))
-    spinning = jnp.einsum("kij,ki->kj", body_rate_matrix(p), expect_rows("spins", spins, np.arange(len(p)), 3)) / 2
+    spinning = jnp.einsum("kij,ki->kj", body_rate_matrix(p), expect_rows("spins", spins, jnp.arange(len(p)), 3)) / 2
     return jnp.concatenate([jnp.asarray(velocity) + jnp.cross(jnp.asarray(rate), x), turning + spinning], axis=1).ravel()

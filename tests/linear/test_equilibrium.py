@@ -35,7 +35,9 @@ def hanging(masses, span=4.0):
     """Positions (k, 2) [m] and tensions (k + 1,) [N] of the same by statics: one horizontal force in all rods."""
 
     def slopes(unknown):  # rods as vectors; the vertical force falls by a weight at each mass
-        force = np.stack([np.full(masses.size + 1, unknown[0]), unknown[1] + G * np.concatenate([[0], np.cumsum(masses)])], 1)
+        force = np.stack(
+            [np.full(masses.size + 1, unknown[0]), unknown[1] + G * np.concatenate([[0], np.cumsum(masses)])], 1
+        )
         size = np.linalg.norm(force, axis=1)
         return force / size[:, None], size
 
@@ -140,7 +142,7 @@ class Falling(hb.System):
 def test_what_has_no_equilibrium_says_so():
     with pytest.raises(hb.ProblemError, match=r"^stone: no equilibrium found .* a force of 9\.81 .* nothing holds"):
         hb.equilibrium(hb.Problem(name="stone", system=Falling(), t_span=(0, 1), q0=[1.0], v0=[0.0]))
-    with pytest.raises(hb.ProblemError, match="constraint row 0 has g_t = -0.5 at t = 0 s, so it moves parts by time"):
+    with pytest.raises(hb.ProblemError, match=r"constraint row 0 has g_t = -0\.5 at t = 0 s, so it moves parts by time"):
         hb.equilibrium(hb.load_problem("car_axis"))
     with pytest.raises(hb.ProblemError, match=r"^q must have shape \(2,\)"):
         hb.equilibrium(hb.load_problem("simple_pendulum"), q=[1.0])
