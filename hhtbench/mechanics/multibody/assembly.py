@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -127,11 +128,19 @@ def _weight(system: Any, t: float, q: Any) -> Any:
 
 def _jacobians(system: Any, t: float, q: Any, v: Any) -> tuple[Any, Any]:
     """Jacobians of the position rows by q and of the velocity rows by v; None without rows."""
-    G = None if system.constraint is None else np.asarray(jax.jit(jax.jacfwd(system.constraint, 1))(t, jnp.asarray(q)))
-    K = None
-    if system.velocity_constraint is not None:
-        K = np.asarray(jax.jit(jax.jacfwd(system.velocity_constraint, 2))(t, jnp.asarray(q), jnp.asarray(v)))
-    return G, K
+    found = _compiled_jacobians(system, jnp.asarray(t, float), jnp.asarray(q), jnp.asarray(v))
+    return tuple(None if one is None else np.asarray(one) for one in found)  # type: ignore[return-value]
+
+
+@eqx.filter_jit  # compiles once for all mechanisms of one structure
+def _compiled_jacobians(system: Any, t: Any, q: Any, v: Any) -> tuple[Any, Any]:
+    G = None if system.constraint is None else jax.jacfwd(system.constraint, 1)(t, q)
+    return G, None if system.velocity_constraint is None else jax.jacfwd(system.velocity_constraint, 2)(t, q, v)
+
+
+@eqx.filter_jit
+def _residual(system: Any, t: Any, q: Any) -> Any:
+    return system.constraint(t, q)
 
 
 def _closed(m: Any, t: float, q: Any, weight: Any) -> Any:
@@ -139,16 +148,15 @@ def _closed(m: Any, t: float, q: Any, weight: Any) -> Any:
     system = m.system()
     if system.constraint is None:
         return q
-    residual = jax.jit(lambda q: system.constraint(t, q))
-    jacobian = jax.jit(jax.jacfwd(lambda q: system.constraint(t, q)))
+    residual = lambda q: np.asarray(_residual(system, jnp.asarray(t, float), jnp.asarray(q)))  # noqa: E731
     size = max(1.0, float(np.max(np.abs(q))))
-    g = np.asarray(residual(q))
+    g = residual(q)
     for _ in range(ITERATIONS):
         if np.max(np.abs(g), initial=0.0) <= CLOSED * size:
             return q
-        step = -weight @ np.linalg.lstsq(np.asarray(jacobian(q)) @ weight, g, rcond=RANK)[0]
+        step = -weight @ np.linalg.lstsq(_jacobians(system, t, q, q)[0] @ weight, g, rcond=RANK)[0]
         for i in range(HALVINGS):
-            there = np.asarray(residual(q + step / 2**i))
+            there = residual(q + step / 2**i)
             if np.linalg.norm(there) < np.linalg.norm(g):
                 break
         q, g = q + step / 2**i, there

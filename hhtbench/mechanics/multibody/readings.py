@@ -74,6 +74,18 @@ def _accelerations(system: Any, t: Any, q: Any, v: Any, Q: Any) -> Any:
     return jax.vmap(one)(t, q, v, Q)
 
 
+@eqx.filter_jit
+def _jacobians(system: Any, t: Any, q: Any) -> Any:
+    """Jacobians (k, m, n) of the position rows at k times."""
+    return jax.vmap(jax.jacfwd(system.constraint, 1))(t, q)
+
+
+@eqx.filter_jit
+def _along(function: Any, frame: Any, q: Any, *v: Any) -> Any:
+    """Values (k, ...) of ``function`` of (q, v) at k times."""
+    return jax.vmap(getattr(frame, function))(q, *v)
+
+
 class Reading:
     """Values at the times of a solution, (k, ...)."""
 
@@ -89,7 +101,7 @@ class Reading:
         t, q, _, lam, mu = self._state
         if not lam.shape[1] or not self._m.mobility().redundant:
             return lam, mu
-        G = np.asarray(jax.jit(jax.vmap(jax.jacfwd(self._system.constraint, 1)))(t, q))
+        G = np.asarray(_jacobians(self._system, t, q))
         left, sizes, _ = np.linalg.svd(G, full_matrices=False)
         kept = left * (sizes > RANK * sizes[:, :1])[:, None]
         return jnp.einsum("kij,klj,kl->ki", kept, kept, lam), mu
@@ -100,7 +112,7 @@ class Reading:
 
     @cached_property
     def _placed(self) -> Any:
-        return jax.vmap(self._m.frame.placed)(self._state[1])
+        return _along("placed", self._m.frame, self._state[1])
 
     def _in(self, vector: Any, frame: str) -> Any:
         """Components of ``vector`` (k, d) in the frame of a body, or in space."""
@@ -134,7 +146,7 @@ class JointReading(Reading):
         Q, power = _generalised(self._system, t, q, v, lam * mine, mu * moving)
         ground = joint.second == GROUND
         body, sign = m.number(joint.first if ground else joint.second), -1.0 if ground else 1.0
-        force, torque = (x[:, body] * sign for x in jax.vmap(m.frame.forces_of)(q, Q))
+        force, torque = (x[:, body] * sign for x in _along("forces_of", m.frame, q, Q))
         at = self._placed
         point = at.x[:, m.number(joint.second)] + at.R[:, m.number(joint.second)] @ joint.points[1]
         lever = point - at.x[:, body]
@@ -226,7 +238,7 @@ class BodyReading(Reading):
         return np.asarray(v).reshape(len(v), -1, self._m.frame.size)[:, self._number, : self._m.dimension]
 
     def _turning(self, v: Any, frame: str) -> Any:
-        return self._in(jax.vmap(self._m.frame.rates)(self._state[1], v)[:, self._number], frame)
+        return self._in(_along("rates", self._m.frame, self._state[1], v)[:, self._number], frame)
 
 
 class ElementReading(Reading):
