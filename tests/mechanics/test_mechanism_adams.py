@@ -125,13 +125,8 @@ JOINTS = {
     "RotSpring": "sprung hinge",
     "TranSpring": "spring",
 }
-PEAKS = {
-    "acceleration": 9.8,
-    "force": 15.0,
-    "rate": 0.53,
-    "angular acceleration": 4.7,
-    "torque": 31.0,
-}  # the least of all cases
+# The least of the peaks of all cases in which it is not zero.
+PEAKS = {"velocity": 1.06, "acceleration": 9.8, "force": 15.0, "rate": 0.53, "angular acceleration": 4.7, "torque": 31.0}
 
 
 def mechanism():
