@@ -133,7 +133,7 @@ def _gathered(equation: Any, x: Ids, indices: np.ndarray, outside: Ids) -> Ids:
     if p["mode"] in (GatherScatterMode.FILL_OR_DROP, None):
         found = np.where(inside[..., None], found, outside)
     dropped = *numbers.collapsed_slice_dims, *numbers.operand_batching_dims
-    pieces = found.reshape(*batch, *(size for axis, size in enumerate(sizes) if axis not in dropped))
+    pieces = found.reshape((*batch, *(size for axis, size in enumerate(sizes) if axis not in dropped)))
     return np.moveaxis(pieces, range(len(batch), pieces.ndim), numbers.offset_dims)
 
 

@@ -9,19 +9,21 @@ from __future__ import annotations
 import copy
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from scipy.sparse.csgraph import connected_components
 
-from hhtbench.mechanics.multibody.readings import angles_now, travels_now
+from hhtbench.mechanics.multibody.readings import along, moves
 from hhtbench.protocol.errors import ProblemError
 
 ITERATIONS = 50
 CLOSED = 1e-12  # largest residual of joints that hold [m, rad], over the size of the mechanism
+CLOSED_ENOUGH = 1e-9  # where further iterations do not come closer
 OPEN = 1e-8  # residual of a joint that is named as open
 RANK = 1e-9  # singular values below this part of the largest are zero
 PART = 0.5  # radians by which prescribed angles approach their values at a time
@@ -44,11 +46,39 @@ class Mobility:
         return f"{text}, {self.redundant} redundant rows: these joints share their loads: {sets}"
 
 
+class _Local(NamedTuple):
+    """Rows, their Jacobians and the masses at one time and state; None without rows."""
+
+    mass: Any
+    g: Any
+    G: Any  #: of the position rows by q
+    moving: Any  #: derivative of the position rows by time
+    k: Any
+    K: Any  #: of the velocity rows by v
+
+
+def _local(system: Any, t: float, q: Any, v: Any) -> Any:
+    found = _compiled(system, *(jnp.asarray(x, float) for x in (t, q, v)))
+    return _Local(*(None if one is None else np.asarray(one) for one in found))
+
+
+@eqx.filter_jit  # compiles once for all mechanisms of one structure
+def _compiled(system: Any, t: Any, q: Any, v: Any) -> _Local:
+    mass = system.mass_matrix(t, q) if callable(system.mass_matrix) else jnp.asarray(system.mass_matrix)
+    rows = velocity_rows = None, None, None
+    if system.constraint is not None:
+        G, moving = jax.jacfwd(system.constraint, (1, 0))(t, q)
+        rows = system.constraint(t, q), G, moving
+    if system.velocity_constraint is not None:
+        velocity_rows = system.velocity_constraint(t, q, v), jax.jacfwd(system.velocity_constraint, 2)(t, q, v)
+    return _Local(mass, *rows, *velocity_rows[:2])
+
+
 def mobility(m: Any) -> Mobility:
     """Degrees of freedom and redundant joints of the mechanism ``m`` at its present pose."""
     system, (q, v) = m.system(), m.start()
-    own = 0 if m.plane else len(m.bodies)
-    G = np.concatenate([part for part in _jacobians(system, 0.0, q, v) if part is not None] or [np.zeros((0, q.size))])
+    own, here = 0 if m.plane else len(m.bodies), _local(system, 0.0, q, v)
+    G = np.concatenate([part for part in (here.G, here.K) if part is not None] or [np.zeros((0, q.size))])
     if not len(G):
         return Mobility(q.size, 0, ())
     left, sizes, _ = np.linalg.svd(G)
@@ -59,8 +89,9 @@ def mobility(m: Any) -> Mobility:
     cancelling = left[:, rank:] @ left[:, rank:].T  # projector on reactions that cancel
     names = list(m.joints)
     of_row = np.full(len(G), -1)
-    for i, rows in enumerate(m.rows_by_joint().values()):
-        of_row[rows] = i
+    for rows, start in ((m.rows_by_joint(), 0), (m.velocity_rows_by_joint(), 0 if here.G is None else len(here.G))):
+        for i, numbers in enumerate(rows.values()):
+            of_row[start + numbers] = i
     share = np.zeros((len(names), len(names)))
     for i, j in np.argwhere(abs(cancelling) > math.sqrt(RANK)):
         if i >= own and j >= own and of_row[i] >= 0 and of_row[j] >= 0:
@@ -73,65 +104,54 @@ def mobility(m: Any) -> Mobility:
 
 def assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) -> Mobility:
     """Move the bodies of the mechanism ``m`` to a consistent start, see ``Mechanism.assemble``."""
-    trial = _copied(m)
-    now = {name: _now(m, name) for name in at}
-    count = max([1, *(math.ceil(abs(at[name] - now[name]) / PART) for name in at)])
-    q, v = m.start()
-    weight = _weight(trial.system(), t, q)
-    for part in range(1, count + 1):
-        towards = {name: now[name] + (value - now[name]) * part / count for name, value in at.items()}
-        held = _copied(m)
-        for name, value in towards.items():
-            held.motor(f"assembled {name}", name, _constant(value))
-        q = _closed(held, t, q, weight)
-    _place(m, q, v)
-    _expect_signs(m)
-    driven = _copied(m)
-    for name in rates:
-        driven.motor(f"assembled {name}", name, _moving(at.get(name, _now(m, name)), rates[name], t))
-    v = _moved(driven, t, q, v, weight)
-    _place(m, q, v)
+    before = {name: copy.copy(body) for name, body in m.bodies.items()}
+    try:
+        _assemble(m, at, rates, t)
+    except ProblemError:
+        m.bodies.update(before)
+        raise
     return mobility(m)
 
 
-def _copied(m: Any) -> Any:
-    """A copy of ``m`` to which rows can be added."""
+def _assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) -> None:
+    now = {name: _now(m, name) for name in at}
+    count = max([1, *(math.ceil(abs(at[name] - now[name]) / PART) for name in at)])
+    q, v = m.start()
+    weight = _weight(_local(m.system(), t, q, v).mass)
+    for part in range(1, count + 1):
+        q = _closed(_held(m, {name: now[name] + (at[name] - now[name]) * part / count for name in at}), t, q, weight)
+    _place(m, q, v)
+    _expect_signs(m)
+    driven = _held(m, {name: at.get(name, 0.0) for name in rates})
+    _place(m, q, _moved(driven, t, q, v, weight, rates))
+
+
+def _held(m: Any, values: dict[str, float]) -> Any:
+    """A copy of ``m`` with joints held at angles or travels, by name."""
     trial = copy.copy(m)
     trial.joints, trial.rows = dict(m.joints), {name: list(rows) for name, rows in m.rows.items()}
-    trial.bodies = {name: copy.copy(body) for name, body in m.bodies.items()}
+    for name, value in values.items():
+        joint = _moving_joint(m, name)
+        row = (trial._travel if joint.kind == "prismatic" else trial._turn)(joint, None, value=value)
+        trial.joints[f"assembled {name}"] = trial._on(joint, f"assembled {name}", "motor", [row])
     return trial
+
+
+def _moving_joint(m: Any, name: str) -> Any:
+    return m._find(name, "revolute", "prismatic", "cylindrical")
 
 
 def _now(m: Any, name: str) -> float:
     """Angle or travel of a joint at the present pose."""
-    joint = m._find(name, "revolute", "prismatic", "cylindrical")
-    at = m.frame.placed(jnp.asarray(m.start()[0]))
-    return float((travels_now if joint.kind == "prismatic" else angles_now)(m, joint, at))
+    joint = _moving_joint(m, name)
+    angle, travel, _ = moves(m, *m.start())
+    return float((travel if joint.kind == "prismatic" else angle)[0, list(m.joints).index(name)])
 
 
-def _constant(value: float) -> Any:
-    return lambda t: value
-
-
-def _moving(value: float, rate: float, t0: float) -> Any:
-    return lambda t: value + rate * (t - t0)
-
-
-def _weight(system: Any, t: float, q: Any) -> Any:
-    mass = system.mass_matrix
-    M = np.asarray(mass(t, jnp.asarray(q)) if callable(mass) else mass)
+def _weight(M: Any) -> Any:
     if M.ndim == 1:
         return np.diag(M**-0.5)
     return scipy.linalg.solve_triangular(np.linalg.cholesky(M), np.eye(len(M)), lower=True).T
-
-
-def _jacobians(system: Any, t: float, q: Any, v: Any) -> tuple[Any, Any]:
-    """Jacobians of the position rows by q and of the velocity rows by v; None without rows."""
-    G = None if system.constraint is None else np.asarray(jax.jit(jax.jacfwd(system.constraint, 1))(t, jnp.asarray(q)))
-    K = None
-    if system.velocity_constraint is not None:
-        K = np.asarray(jax.jit(jax.jacfwd(system.velocity_constraint, 2))(t, jnp.asarray(q), jnp.asarray(v)))
-    return G, K
 
 
 def _closed(m: Any, t: float, q: Any, weight: Any) -> Any:
@@ -139,22 +159,20 @@ def _closed(m: Any, t: float, q: Any, weight: Any) -> Any:
     system = m.system()
     if system.constraint is None:
         return q
-    residual = jax.jit(lambda q: system.constraint(t, q))
-    jacobian = jax.jit(jax.jacfwd(lambda q: system.constraint(t, q)))
     size = max(1.0, float(np.max(np.abs(q))))
-    g = np.asarray(residual(q))
+    here = _local(system, t, q, q)
     for _ in range(ITERATIONS):
-        if np.max(np.abs(g), initial=0.0) <= CLOSED * size:
+        if np.max(np.abs(here.g), initial=0.0) <= CLOSED * size:
             return q
-        step = -weight @ np.linalg.lstsq(np.asarray(jacobian(q)) @ weight, g, rcond=RANK)[0]
+        step = -weight @ np.linalg.lstsq(here.G @ weight, here.g, rcond=RANK)[0]
         for i in range(HALVINGS):
-            there = np.asarray(residual(q + step / 2**i))
-            if np.linalg.norm(there) < np.linalg.norm(g):
+            there = _local(system, t, q + step / 2**i, q)
+            if np.linalg.norm(there.g) < np.linalg.norm(here.g):
                 break
-        q, g = q + step / 2**i, there
-    if np.max(np.abs(g)) <= math.sqrt(CLOSED) * CLOSED**0.25 * size:
+        q, here = q + step / 2**i, there
+    if np.max(np.abs(here.g)) <= CLOSED_ENOUGH * size:
         return q
-    raise ProblemError(f"the joints cannot be brought together: {_open(m, g)} stay open. Give a better pose.")
+    raise ProblemError(f"the joints cannot be brought together: {_open(m, here.g)} stay open. Give a better pose.")
 
 
 def _open(m: Any, g: Any) -> str:
@@ -165,24 +183,22 @@ def _open(m: Any, g: Any) -> str:
     )
 
 
-def _moved(m: Any, t: float, q: Any, v: Any, weight: Any) -> Any:
-    """Velocities near ``v`` that all joints allow."""
-    system = m.system()
-    q, v = jnp.asarray(q), jnp.asarray(v)
+def _moved(m: Any, t: float, q: Any, v: Any, weight: Any, rates: dict[str, float]) -> Any:
+    """Velocities near ``v`` that all joints allow, with ``rates`` of joints that ``m`` holds."""
+    here = _local(m.system(), t, q, v)
     parts, rests = [], []
-    G, K = _jacobians(system, t, q, v)
-    if G is not None:
-        moving = jax.jvp(lambda s: system.constraint(s, q), (float(t),), (1.0,))[1]
-        parts.append(G)
-        rests.append(np.asarray(G @ v + moving))
-    if K is not None:
-        parts.append(K)
-        rests.append(np.asarray(system.velocity_constraint(t, q, v)))
+    if here.G is not None:
+        rest, rows = here.G @ v + here.moving, m.rows_by_joint()
+        for name, rate in rates.items():
+            rest[rows[f"assembled {name}"]] -= rate
+        parts, rests = [here.G], [rest]
+    if here.K is not None:
+        parts, rests = [*parts, here.K], [*rests, here.k]
     if not parts:
-        return np.asarray(v)
+        return v
     C, rest = np.concatenate(parts), np.concatenate(rests)
-    found = np.asarray(v) - weight @ np.linalg.lstsq(C @ weight, rest, rcond=RANK)[0]
-    left = C @ found - (C @ np.asarray(v) - rest)
+    found = v - weight @ np.linalg.lstsq(C @ weight, rest, rcond=RANK)[0]
+    left = C @ found - (C @ v - rest)
     if np.max(np.abs(left)) > OPEN * max(1.0, float(np.max(np.abs(found)))):
         names = _open(m, left)
         raise ProblemError(f"no velocities agree with all rates and joints: {names or 'rolling or a prescribed rate'}.")
@@ -191,11 +207,11 @@ def _moved(m: Any, t: float, q: Any, v: Any, weight: Any) -> Any:
 
 def _place(m: Any, q: Any, v: Any) -> None:
     """Store coordinates and velocities as poses of the bodies."""
-    at, rates = m.frame.placed(jnp.asarray(q)), np.asarray(m.frame.rates(jnp.asarray(q), jnp.asarray(v)))
+    R, rates = along("placed", m.frame, q[None]).R[0], along("rates", m.frame, q[None], v[None])[0]
     parts, moving = np.reshape(q, (-1, m.frame.size)), np.reshape(v, (-1, m.frame.size))
     for i, body in enumerate(m.bodies.values()):
-        body.x, body.velocity, body.rate = parts[i, : m.dimension], moving[i, : m.dimension], rates[i]
-        body.R, body.angle = np.asarray(at.R[i]), float(parts[i, 2]) if m.plane else 0.0
+        body.x, body.velocity, body.rate = parts[i, : m.dimension], moving[i, : m.dimension], np.asarray(rates[i])
+        body.R, body.angle = np.asarray(R[i]), float(parts[i, 2]) if m.plane else 0.0
 
 
 def _expect_signs(m: Any) -> None:

@@ -49,6 +49,7 @@ class Joints(Parts):
         self.joints[name] = Joint(
             name=name,
             kind=kind,
+            base=kind,
             first=first,
             second=second,
             rows=rows,
@@ -60,19 +61,21 @@ class Joints(Parts):
             rows.append(self._turn(self.joints[name], None))
         return name
 
-    def _turn(self, joint: Joint, law: Law | None, family: str = "turn") -> tuple[str, int]:
-        """Add a row of the angle of ``joint``."""
+    def _turn(self, joint: Joint, law: Law | None, family: str = "turn", value: float = 0.0) -> tuple[str, int]:
+        """Add a row of the angle of ``joint`` from ``value`` [rad]."""
         if self.plane:
-            return self.row(family, joint.first, joint.second, value=joint.drawn, law=law)
+            return self.row(family, joint.first, joint.second, value=joint.drawn + value, law=law)
         (_, R1, _), (_, R2, _) = self.pose(joint.first), self.pose(joint.second)
         x, y, _ = (R1 @ joint.frames[0]).T
-        return self.row(family, joint.first, joint.second, u=x, y=y, w=(R2 @ joint.frames[1])[:, 0], law=law)
+        c, s = np.cos(value), np.sin(value)
+        w = (R2 @ joint.frames[1])[:, 0]
+        return self.row(family, joint.first, joint.second, u=c * x + s * y, y=c * y - s * x, w=w, law=law)
 
-    def _travel(self, joint: Joint, law: Law | None, family: str = "slide") -> tuple[str, int]:
-        """Add a row of the travel of ``joint`` along its axis."""
+    def _travel(self, joint: Joint, law: Law | None, family: str = "slide", value: float = 0.0) -> tuple[str, int]:
+        """Add a row of the travel of ``joint`` along its axis from ``value`` [m]."""
         (x1, R1, _), (x2, R2, _) = self.pose(joint.first), self.pose(joint.second)
         a, b = x1 + R1 @ joint.points[0], x2 + R2 @ joint.points[1]
-        return self.row(family, joint.first, joint.second, a=a, b=b, u=R1 @ joint.frames[0][:, -1], law=law)
+        return self.row(family, joint.first, joint.second, a=a, b=b, u=R1 @ joint.frames[0][:, -1], value=value, law=law)
 
     def _expect_space(self, kind: str) -> None:
         if self.plane:

@@ -43,6 +43,7 @@ class Joint:
     rows: list[tuple[str, int]]  #: family and number in it
     points: tuple[Any, Any]  #: in the frames of first and second
     frames: tuple[Any, Any]  #: columns x, y, z = axis, likewise
+    base: str  #: kind of the joint itself, or of the joint that a motor, gear or screw acts on
     drawn: float = 0.0  #: angle of the second less that of the first where it was drawn, in the plane
 
 

@@ -13,39 +13,36 @@ import numpy as np
 from hhtbench.mechanics import forces
 from hhtbench.mechanics.multibody.parts import GROUND, Joint
 from hhtbench.mechanics.multibody.rows import Rows, angles, travels, turning
-from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.errors import ProblemError, did_you_mean
 
 RANK = 1e-9  # singular values below this part of the largest are zero
 
-
-def _rows(m: Any, joint: Joint) -> Rows:
-    """The joint's angle and travel as one row, in the frames of its bodies."""
-    none = np.zeros((1, m.dimension))
-    x, y, w = none, none, none
-    if not m.plane:
-        x, y = joint.frames[0].T[:2, None]
-        w = joint.frames[1].T[:1]
-    bodies = (m.number(joint.first),), (m.number(joint.second),)
-    points = {"a": joint.points[0][None], "b": joint.points[1][None]}
-    return Rows(first=bodies[0], second=bodies[1], laws=(None,), **points, u=x, w=w, y=y, value=[joint.drawn])
+TURNING = "revolute", "cylindrical"  # joints with an angle
+SLIDING = "prismatic", "cylindrical", "on_line"  # with a travel
 
 
-def angles_now(m: Any, joint: Joint, at: Any) -> Any:
-    """Angle of a joint [rad] from the drawn pose; in space in (-pi, pi]."""
-    return angles(at, _rows(m, joint))[0]
+def moves(m: Any, q: Any, v: Any) -> Any:
+    """Angles in (-pi, pi] in space, travels and rates (k, j) of all joints of ``m`` at states ``q, v`` (n,) or (k, n)."""
+    joints = list(m.joints.values())
+    bodies = (tuple(m.number(getattr(joint, side)) for joint in joints) for side in ("first", "second"))
+    a, b = (np.array([joint.points[i] for joint in joints]) for i in (0, 1))
+    one, other = (np.array([joint.frames[i] for joint in joints]) for i in (0, 1))
+    laws = (None,) * len(joints)
+    drawn = np.array([joint.drawn for joint in joints])
+    rows = Rows(*bodies, laws, a=a, b=b, u=one[:, :, 0], w=other[:, :, 0], y=one[:, :, 1], value=drawn)
+    return _moves(m.frame, rows, one[:, :, -1], other[:, :, -1], np.atleast_2d(q), np.atleast_2d(v))
 
 
-def travels_now(m: Any, joint: Joint, at: Any) -> Any:
-    """Travel of a joint [m] along its axis, from its point of the first body to that of the second."""
-    rows = _rows(m, joint)
-    return travels(at, eqx.tree_at(lambda one: one.u, rows, jnp.asarray(joint.frames[0][:, -1][None])))[0]
+@eqx.filter_jit
+def _moves(frame: Any, rows: Rows, axis: Any, axis_second: Any, q: Any, v: Any) -> Any:
+    sliding = eqx.tree_at(lambda one: one.u, rows, axis)
+    turned = eqx.tree_at(lambda one: one.b, rows, axis_second)
 
+    def one(q: Any, v: Any) -> Any:
+        at = frame.placed(q)
+        return angles(at, rows), travels(at, sliding), turning(frame, turned, q, v)
 
-def _rate_now(m: Any, joint: Joint, q: Any, v: Any) -> Any:
-    """Rate of a joint [rad/s] about its axis."""
-    rows = _rows(m, joint)
-    axis = jnp.asarray(joint.frames[1][:, -1][None])
-    return turning(m.frame, eqx.tree_at(lambda one: one.b, rows, axis), q, v)[0]
+    return jax.vmap(one)(q, v)
 
 
 @eqx.filter_jit
@@ -74,6 +71,36 @@ def _accelerations(system: Any, t: Any, q: Any, v: Any, Q: Any) -> Any:
     return jax.vmap(one)(t, q, v, Q)
 
 
+@eqx.filter_jit
+def _jacobians(system: Any, t: Any, q: Any) -> Any:
+    """Jacobians (k, m, n) of the position rows at k times."""
+    return jax.vmap(jax.jacfwd(system.constraint, 1))(t, q)
+
+
+@eqx.filter_jit
+def _measured(system: Any, kind: str, q: Any, v: Any) -> Any:
+    """Measures, their rates and tensions (k, j) of all elements of a kind at k times."""
+
+    def one(q: Any, v: Any) -> Any:
+        value, rate = forces.rates(system._measure(kind), q, v)
+        return value, rate, system.elements[kind].law(value, rate)
+
+    return jax.vmap(one)(q, v)
+
+
+def _cross(lever: Any, force: Any) -> Any:
+    """Moments of forces, (..., 3) or in the plane (...)."""
+    if lever.shape[-1] == 3:
+        return np.cross(lever, force)
+    return lever[..., 0] * force[..., 1] - lever[..., 1] * force[..., 0]
+
+
+@eqx.filter_jit
+def along(function: str, frame: Any, q: Any, *v: Any) -> Any:
+    """Values (k, ...) of ``function`` of (q, v) at k times."""
+    return jax.vmap(getattr(frame, function))(q, *v)
+
+
 class Reading:
     """Values at the times of a solution, (k, ...)."""
 
@@ -89,7 +116,7 @@ class Reading:
         t, q, _, lam, mu = self._state
         if not lam.shape[1] or not self._m.mobility().redundant:
             return lam, mu
-        G = np.asarray(jax.jit(jax.vmap(jax.jacfwd(self._system.constraint, 1)))(t, q))
+        G = np.asarray(_jacobians(self._system, t, q))
         left, sizes, _ = np.linalg.svd(G, full_matrices=False)
         kept = left * (sizes > RANK * sizes[:, :1])[:, None]
         return jnp.einsum("kij,klj,kl->ki", kept, kept, lam), mu
@@ -100,7 +127,7 @@ class Reading:
 
     @cached_property
     def _placed(self) -> Any:
-        return jax.vmap(self._m.frame.placed)(self._state[1])
+        return along("placed", self._m.frame, self._state[1])
 
     def _in(self, vector: Any, frame: str) -> Any:
         """Components of ``vector`` (k, d) in the frame of a body, or in space."""
@@ -124,7 +151,7 @@ class JointReading(Reading):
 
     @cached_property
     def _reaction(self) -> tuple[Any, Any, Any]:
-        """Force and torque on the second body about its point, (k, d) each, and power (k,)."""
+        """Forces at the centres of all bodies and of the ground and torques on them, (k, j + 1, d) each, and power (k,)."""
         m, joint = self._m, self._joint
         t, q, v, _, _ = self._state
         lam, mu = self._multipliers
@@ -132,51 +159,71 @@ class JointReading(Reading):
         mine[m.rows_by_joint()[joint.name]] = 1.0
         moving[m.velocity_rows_by_joint()[joint.name]] = 1.0
         Q, power = _generalised(self._system, t, q, v, lam * mine, mu * moving)
-        ground = joint.second == GROUND
-        body, sign = m.number(joint.first if ground else joint.second), -1.0 if ground else 1.0
-        force, torque = (x[:, body] * sign for x in jax.vmap(m.frame.forces_of)(q, Q))
-        at = self._placed
-        point = at.x[:, m.number(joint.second)] + at.R[:, m.number(joint.second)] @ joint.points[1]
-        lever = point - at.x[:, body]
-        cross = jnp.cross(lever, force)
-        return force, torque - cross, power
+        force, torque = along("forces_of", m.frame, q, Q)
+        return np.asarray(force), np.asarray(torque), power
+
+    def _wrench(self, on: str | None) -> tuple[Any, Any]:
+        """Force and torque on a body about the joint's point, (k, d) each."""
+        m, x, joint = self._m, np.asarray(self._placed.x), self._joint
+        force, torque, _ = self._reaction
+        second = m.number(joint.second)
+        point = x[:, second] + np.asarray(self._placed.R)[:, second] @ joint.points[1]
+        lever = x[:, :-1] - point[:, None]
+        torque = torque + _cross(lever, force)
+        if on is None:
+            on = joint.second
+        elif on != GROUND and on not in m.bodies:
+            raise ProblemError(f"there is no body {on!r}.{did_you_mean(on, [*m.bodies, GROUND])}")
+        if on == GROUND:  # it holds what the bodies do not balance
+            return -np.sum(force, axis=1), -np.sum(torque, axis=1)
+        return force[:, m.number(on)], torque[:, m.number(on)]
 
     @property
     def shares_with(self) -> tuple[str, ...]:
         """Joints among which this joint's load could be shared otherwise; empty if its reaction is unique."""
         return next((names for names in self._m.mobility().sharing if self._joint.name in names), ())
 
-    def force(self, frame: str = "space") -> Any:
-        """Force (k, d) [N] on the second body, in space or in the frame of a body."""
-        return self._in(self._reaction[0], frame)
+    def force(self, frame: str = "space", *, on: str | None = None) -> Any:
+        """Force (k, d) [N] on the second body, or on the body ``on``; in space or in the frame of a body."""
+        return self._in(self._wrench(on)[0], frame)
 
-    def torque(self, frame: str = "space") -> Any:
-        """Torque (k, 3), in the plane (k,), [N m] on the second body about the joint's point."""
-        return self._in(self._reaction[1], frame)
+    def torque(self, frame: str = "space", *, on: str | None = None) -> Any:
+        """Torque (k, 3), in the plane (k,), [N m] on that body about the joint's point of the second."""
+        return self._in(self._wrench(on)[1], frame)
 
     def power(self) -> Any:
         """Power (k,) [W] that a motor gives; 0 of other joints."""
         return np.asarray(self._reaction[2])
 
+    @cached_property
+    def _motion(self) -> Any:
+        """Angles in (-pi, pi] in space, travels and rates (3, k)."""
+        number = list(self._m.joints).index(self._joint.name)
+        return [np.asarray(x[:, number]) for x in moves(self._m, *self._state[1:3])]
+
+    def _expect(self, what: str, *kinds: str) -> None:
+        if self._joint.base not in kinds:
+            raise ProblemError(f"joint {self._joint.name!r} is {self._joint.base}: it has no {what}.")
+
     def angle(self) -> Any:
         """Angle (k,) [rad] from the drawn pose; turns are counted, between rows by the rates."""
-        found = np.asarray(jax.vmap(lambda at: angles_now(self._m, self._joint, at))(self._placed))
+        self._expect("angle", *TURNING)
+        found, _, rate = self._motion
         if self._m.plane or found.size < 2:
             return found
-        rate = self.rate()
         expected = np.diff(self.t) * (rate[1:] + rate[:-1]) / 2
-        steps = np.diff(found)
-        turns = np.round((expected - steps) / (2 * np.pi))
+        turns = np.round((expected - np.diff(found)) / (2 * np.pi))
         return found + np.concatenate([[0.0], 2 * np.pi * np.cumsum(turns)])
 
     def rate(self) -> Any:
         """Rate (k,) [rad/s] of the second body about the axis."""
-        _, q, v, _, _ = self._state
-        return np.asarray(jax.vmap(lambda q, v: _rate_now(self._m, self._joint, q, v))(q, v))
+        self._expect("rate", *TURNING)
+        return self._motion[2]
 
     def travel(self) -> Any:
         """Travel (k,) [m] along the axis."""
-        return np.asarray(jax.vmap(lambda at: travels_now(self._m, self._joint, at))(self._placed))
+        self._expect("travel", *SLIDING)
+        return self._motion[1]
 
 
 class BodyReading(Reading):
@@ -226,7 +273,7 @@ class BodyReading(Reading):
         return np.asarray(v).reshape(len(v), -1, self._m.frame.size)[:, self._number, : self._m.dimension]
 
     def _turning(self, v: Any, frame: str) -> Any:
-        return self._in(jax.vmap(self._m.frame.rates)(self._state[1], v)[:, self._number], frame)
+        return self._in(along("rates", self._m.frame, self._state[1], v)[:, self._number], frame)
 
 
 class ElementReading(Reading):
@@ -239,14 +286,8 @@ class ElementReading(Reading):
     @cached_property
     def _found(self) -> tuple[Any, Any, Any]:
         kind, number = self._element.kind, self._element.number
-        law, measure = self._system.elements[kind].law, self._system._measure(kind)
-
-        def one(q: Any, v: Any) -> Any:
-            value, rate = forces.rates(measure, q, v)
-            return value, rate, law(value, rate)
-
         count = len(self._system.elements[kind].rows)
-        value, rate, tension = (np.asarray(x) for x in jax.jit(jax.vmap(one))(*self._state[1:3]))
+        value, rate, tension = (np.asarray(x) for x in _measured(self._system, kind, *self._state[1:3]))
         own = [x.reshape(len(x), count, -1)[:, number] for x in (value, rate, tension)]
         return tuple(x[:, 0] if x.shape[1] == 1 else x for x in own)  # type: ignore[return-value]
 
@@ -277,9 +318,9 @@ def tabulated(m: Any, solution: Any) -> dict[str, Any]:
         add(name, BodyReading(m, solution, name).position())
     for name, joint in m.joints.items():
         reading = JointReading(m, solution, joint)
-        if joint.kind in ("revolute", "cylindrical", "motor"):
+        if joint.base in TURNING:
             add(f"{name}.angle", reading.angle())
-        if joint.kind in ("prismatic", "cylindrical"):
+        if joint.base in SLIDING:
             add(f"{name}.travel", reading.travel())
         add(f"{name}.force", reading.force())
         add(f"{name}.torque", reading.torque())

@@ -62,7 +62,7 @@ def dot(at: Placed, rows: Rows, t: Any) -> Array:
 
 def slide(at: Placed, rows: Rows, t: Any) -> Array:
     """Travels of points ``b`` from points ``a`` along ``u``, less prescribed ones, (j,) [m]."""
-    return rows.driven(t, travels(at, rows))
+    return rows.driven(t, travels(at, rows) - rows.value)
 
 
 def travels(at: Placed, rows: Rows) -> Array:

@@ -76,7 +76,9 @@ class Multibody(System):
 
     def _rows(self, t: Any, q: Any) -> Array:
         at = self.frame.placed(q)
-        parts = [FAMILIES[name](at, rows, t) for name, rows in self.joints.items()]
+        parts = [
+            family(at, self.joints[name], t) for name, family in FAMILIES.items() if name in self.joints
+        ]  # JAX sorts dicts
         return jnp.concatenate([self.frame.own_rows(q), *parts])
 
     def _velocity_rows(self, t: Any, q: Any, v: Any) -> Array:
