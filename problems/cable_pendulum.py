@@ -182,7 +182,8 @@ def problem(
     q0, v0 = start(n, dimension, length, speed)
     fall = math.hypot(math.sqrt(g * length), speed)
     sizes = np.broadcast_to(np.array([length, 1.0])[:, None], (n + 1, 2, dimension)).ravel()
-    tags = ("holonomic", "flexible", "stiff", *(("damped",) if values["damping"] else ()), *(("large",) if q0.size >= LARGE else ()))
+    more = [name for name, there in (("damped", values["damping"]), ("large", q0.size >= LARGE)) if there]
+    tags = ("holonomic", "flexible", "stiff", *more)
     return Problem(
         name="cable_pendulum",
         system=CablePendulum(**values, n_elements=n, dimension=dimension),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from hhtbench.mechanics.multibody.rows import FAMILIES, Curves, Gears, Rolling
 from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.system import Problem
+
+FAR_APART = 1e8  # ratio of masses above which one may have a wrong unit
 
 
 class Mechanism(Forces):
@@ -94,8 +97,13 @@ class Mechanism(Forces):
 
         Call :meth:`assemble` before if the bodies do not fit their joints yet.
         """
-        q0, v0 = self.start()
-        return Problem(name=name, system=self.system(), t_span=t_span, q0=q0, v0=v0, **{"sketch": self.sketch} | options)
+        system, (q0, v0) = self.system(), self.start()
+        heavy, light = (chosen(self.bodies, key=lambda one: self.bodies[one].mass) for chosen in (max, min))
+        masses = [self.bodies[one].mass for one in (heavy, light)]
+        if masses[0] > FAR_APART * masses[1]:
+            text = f"body {heavy!r} has {masses[0]:g} kg beside {masses[1]:g} kg of {light!r}: are both in kg?"
+            warnings.warn(text, stacklevel=2)
+        return Problem(name=name, system=system, t_span=t_span, q0=q0, v0=v0, **{"sketch": self.sketch} | options)
 
     def assemble(
         self, at: dict[str, float] | None = None, *, rates: dict[str, float] | None = None, t: float = 0.0
