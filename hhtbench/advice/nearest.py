@@ -92,10 +92,14 @@ class Space:
 
 
 def compared(points: Matrix) -> Matrix:
-    """Return features (..., features) with the rates of vibration and decay over the motion's, at most ``STIFFEST``."""
+    """Return features (..., features) with the rates of vibration and decay over the motion's, at most ``STIFFEST``.
+
+    The share of the fastest vibrations counts the less the less fast they are.
+    """
     found, pace = np.array(points), points[..., NAMES.index("pace")]
     for name in ("vibration", "decay"):
         found[..., NAMES.index(name)] = np.minimum(found[..., NAMES.index(name)] - pace, STIFFEST)
+    found[..., NAMES.index("share")] *= np.clip(found[..., NAMES.index("vibration")] / STIFFEST, 0.0, 1.0)
     return found
 
 
