@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,8 @@ from hhtbench.mechanics.multibody.rows import FAMILIES, Curves, Gears, Rolling
 from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.system import Problem
+
+APART = 1e8  # ratio of masses beyond which one of them is likely in another unit
 
 
 class Mechanism(Forces):
@@ -35,6 +38,7 @@ class Mechanism(Forces):
         """Make the system of equations."""
         if not self.bodies:
             raise ProblemError("a mechanism needs a body: m.body(name, mass, inertia, at=...).")
+        self._warn_of_units()
         bodies = self.bodies.values()
         J = np.array([body.inertia for body in bodies])
         j0 = J if self.plane else np.trace(J, axis1=1, axis2=2) / 3
@@ -54,6 +58,14 @@ class Mechanism(Forces):
             speeds=self.rows_of("speed") if "speed" in given else None,
             moves=any(row.law is not None for family in ("slide", "turn") for row in given.get(family, [])),
         )
+
+    def _warn_of_units(self) -> None:
+        light, heavy = (pick(self.bodies.items(), key=lambda item: item[1].mass) for pick in (min, max))
+        if heavy[1].mass > APART * light[1].mass:
+            warnings.warn(
+                f"body {heavy[0]!r} has {heavy[1].mass:g} kg beside {light[1].mass:g} kg of {light[0]!r}: check the units.",
+                stacklevel=4,
+            )
 
     def _family(self, name: str) -> Any:
         rows, made = self.rows[name], self.rows_of(name)
