@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 
 import hhtbench as hb
 from hhtbench.mechanics import Mechanism
+from hhtbench.protocol.errors import ProblemError
 
 G = 9.81
 SLOPE = np.array([0.6, 0.8])  # normal of a plane that falls towards +x at sin = 0.6
@@ -244,3 +245,72 @@ def test_claims_of_the_problem_hold():
     m, _ = solved(True)
     report = hb.check(m.problem((0, 2)))
     assert report.passed, report.summary
+
+
+def only_in_space():
+    """A screw, a tube, a plate on a plane and a ball that rolls, each alone, at rest."""
+    m = Mechanism((0, -G, 0))
+    m.body("nut", 2.0, (0.3, 0.1, 0.4), at=(0, 0, 0))
+    m.cylindrical("thread", "ground", "nut", (0, 0, 0), (0, 1, 0))
+    m.screw("screw", "thread", 0.5)
+    m.body("tube", 2.0, (0.3, 0.1, 0.4), at=(3, 0, 0))
+    m.cylindrical("bar", "ground", "tube", (3, 0, 0), (0, 1, 0))
+    m.body("plate", 1.0, (0.3, 0.4, 0.5), at=(6, 0, 0))
+    m.planar("table", "ground", "plate", (6, 0, 0), (*SLOPE, 0))
+    m.body("ball", 1.0, (0.1, 0.1, 0.1), at=(9 + 0.3, 0.4, 0))
+    m.rolling("roll", "ball", 0.5, (9 + 0.3, 0.4, 0), point=(9, 0, 0), normal=(*SLOPE, 0))
+    return m
+
+
+def test_joints_of_space_accelerate_as_closed_solutions_say():
+    m = only_in_space()
+    q, v = m.start()
+    states = At(m, [0.0], q[None], v[None])
+    close = functools.partial(np.testing.assert_allclose, rtol=1e-10, atol=1e-10)
+    pitch = 2 * np.pi / 0.5
+    fall = -G / (1 + 0.1 * pitch**2 / 2.0)
+    close(m.of(states, "nut").acceleration(), [[0, fall, 0]])
+    close(m.of(states, "nut").angular_acceleration(), [[0, pitch * fall, 0]])
+    close(m.of(states, "tube").acceleration(), [[0, -G, 0]])
+    close(m.of(states, "plate").acceleration(), [0.6 * G * np.array([0.8, -0.6, 0])])
+    close(m.of(states, "table").force(), [0.8 * G * np.array([0.6, 0.8, 0])])
+    rolls = 0.6 * G / (1 + 0.1 / 0.25)
+    close(m.of(states, "ball").acceleration(), [rolls * np.array([0.8, -0.6, 0])])
+    close(m.of(states, "ball").angular_acceleration(), [[0, 0, -rolls / 0.5]])
+
+
+def test_cardan_joint_turns_unevenly():
+    """``w2 / w1 = cos(b) / (1 - sin(b)^2 sin(a)^2)`` of shafts at the angle b; a from where w2 is the least (any textbook)."""
+    b, a = 0.5, 0.7
+    m = Mechanism((0, 0, 0))
+    tilted = (np.cos(b), np.sin(b), 0.0)
+    m.body("one", 1.0, (0.1, 0.1, 0.1), at=(-1, 0, 0))
+    m.body("two", 1.0, (0.1, 0.1, 0.1), at=tilted)
+    m.revolute("in", "ground", "one", (-1, 0, 0), (1, 0, 0))
+    m.revolute("out", "ground", "two", tilted, tilted)
+    m.universal("cross", "one", "two", (0, 0, 0), (0, 0, 1), (-np.sin(b), np.cos(b), 0))
+    assert m.assemble({"in": a}, rates={"in": 2.0}).degrees_of_freedom == 1
+    q, v = m.start()
+    states = At(m, [0.0], q[None], v[None])
+    np.testing.assert_allclose(m.of(states, "in").rate(), [2.0], rtol=1e-10)
+    ratio = np.cos(b) / (1 - np.sin(b) ** 2 * np.sin(a) ** 2)  # drawn, the arm of "one" stands across the plane of both
+    np.testing.assert_allclose(m.of(states, "out").rate(), [2.0 * ratio], rtol=1e-10)
+
+
+def test_springs_drawings_and_bodies_are_read_by_name():
+    m, solution = solved(True)
+    coil, mass = m.of(solution, "coil"), m.of(solution, "mass")
+    np.testing.assert_allclose(coil.measure(), -mass.position()[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(coil.tension(), 50 * (coil.measure() - 0.8) + 2 * coil.rate(), rtol=1e-10)
+    np.testing.assert_allclose(
+        m.of(solution, "cushion").measure()[:, 1], m.of(solution, "cushioned").position()[:, 1], atol=1e-12
+    )
+    np.testing.assert_allclose(mass.kinetic_energy(), mass.velocity()[:, 1] ** 2, atol=1e-12)
+    drawn = m.sketch(solution.q[3])
+    assert drawn["lines"].shape[1:] == (2, 2)
+    bob = m.of(solution, "bob").position()[3]
+    assert min(np.linalg.norm(drawn["points"] - bob, axis=1)) < 1e-12
+    with pytest.raises(ProblemError, match="'weld' is weld: it has no angle"):
+        m.of(solution, "weld").angle()
+    with pytest.raises(ProblemError, match=r"coyl.*coil"):
+        m.of(solution, "coyl")
