@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.mechanics.multibody.joints import Joints
-from hhtbench.mechanics.multibody.parts import Row
+from hhtbench.mechanics.multibody.parts import Row, unit
 from hhtbench.mechanics.multibody.rows import Law
 from hhtbench.protocol.errors import ProblemError
 
@@ -25,12 +25,8 @@ class Element:
 class Forces(Joints):
     """Bodies, joints and forces."""
 
-    def __init__(self, *, plane: bool) -> None:
-        super().__init__(plane=plane)
-        self.forces: dict[str, Element] = {}
-
     def _element(self, kind: str, name: str, first: str, second: str, **given: Any) -> str:
-        self._expect_new(name, self.forces)
+        self._expect_new(name)
         self.forces[name] = Element(name=name, kind=kind, number=self.row(kind, first, second, **given)[1])
         return name
 
@@ -56,7 +52,7 @@ class Forces(Joints):
         The angle is zero in the drawn pose.  In the plane turns are counted; in space the moment jumps half a turn from
         ``free``.
         """
-        self._expect_new(name, self.forces)
+        self._expect_new(name)
         row = self._turn(self._find(joint, "revolute", "cylindrical"), None, "torsion")
         self.rows["torsion"][-1].more |= {"stiffness": stiffness, "damping": damping, "free": free}
         self.forces[name] = Element(name=name, kind="torsion", number=row[1])
@@ -131,7 +127,7 @@ class Forces(Joints):
         a = self._vector("at", at)
         if centre is not None:
             return self._element("ball", name, first, second, a=a, b=self._vector("centre", centre), **more)
-        up = self._vector("normal", normal) / np.linalg.norm(normal)
+        up = unit(f"normal of contact {name!r}", normal, self.dimension)
         return self._element("contact", name, first, second, a=a, b=self._vector("point", point), w=up, **more)
 
     def load(
@@ -145,6 +141,11 @@ class Forces(Joints):
         values = [
             none if x is None or callable(x) else np.asarray(x, float) for x, none in zip((force, torque), zero, strict=True)
         ]
+        for what, value, none in zip(("force", "torque"), values, zero, strict=True):
+            if np.shape(value) != np.shape(none) or not np.isfinite(value).all():
+                raise ProblemError(
+                    f"load {name!r}: {what} must be {np.size(none)} numbers or a function of time; got {value}."
+                )
         there = self.pose(body)[0] if at is None else self._vector("at", at)
         more = {"force": values[0], "torque": values[1], "torques": laws[1], "follows": follows}
         return self._element("load", name, "ground", body, b=there, law=laws[0], **more)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.mechanics.multibody.parts import RIGHT, Joint, Parts, frame_along
+from hhtbench.mechanics.multibody.parts import RIGHT, Joint, Parts, frame_along, unit
 from hhtbench.mechanics.multibody.rows import Law
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 
@@ -36,7 +36,7 @@ class Joints(Parts):
         """Add rows: a common point, scalar products of frame columns (first, second), slides along columns of the first, no
         turn about the last column.
         """
-        self._expect_new(name, self.joints)
+        self._expect_new(name)
         if first == second:
             raise ProblemError(f"joint {name!r} joins {first!r} to itself.")
         a = self._vector(f"at of joint {name!r}", at)
@@ -85,24 +85,34 @@ class Joints(Parts):
         """Hinge at ``at`` about ``axis``; in the plane a pin, without an axis."""
         if self.plane:
             return self._joint("revolute", name, first, second, at, at_second, point=True)
-        frame = frame_along(axis)
+        frame = frame_along(axis, name=f"axis of joint {name!r}")
         return self._joint("revolute", name, first, second, at, at_second, frame, point=True, dots=((0, 2), (1, 2)))
 
     def prismatic(self, name: str, first: str, second: str, at: Any, axis: Any, *, at_second: Any = None) -> str:
         """Slider along ``axis`` through ``at``, without rotation."""
         if self.plane:
-            along = self._vector("axis", axis) / np.linalg.norm(axis)
+            along = unit(f"axis of joint {name!r}", axis, 2)
             frame = np.array([[along[1], along[0]], [-along[0], along[1]]])  # columns: across, along
             return self._joint("prismatic", name, first, second, at, at_second, frame, slides=(0,), locked=True)
         dots = (0, 2), (1, 2)
-        frame = frame_along(axis)
+        frame = frame_along(axis, name=f"axis of joint {name!r}")
         return self._joint("prismatic", name, first, second, at, at_second, frame, dots=dots, slides=(0, 1), locked=True)
 
     def cylindrical(self, name: str, first: str, second: str, at: Any, axis: Any, *, at_second: Any = None) -> str:
         """Slider along ``axis`` that also turns about it."""
         self._expect_space("cylindrical")
         dots = (0, 2), (1, 2)
-        return self._joint("cylindrical", name, first, second, at, at_second, frame_along(axis), dots=dots, slides=(0, 1))
+        return self._joint(
+            "cylindrical",
+            name,
+            first,
+            second,
+            at,
+            at_second,
+            frame_along(axis, name=f"axis of joint {name!r}"),
+            dots=dots,
+            slides=(0, 1),
+        )
 
     def spherical(self, name: str, first: str, second: str, at: Any, *, at_second: Any = None) -> str:
         """Ball joint at ``at``."""
@@ -114,7 +124,7 @@ class Joints(Parts):
     ) -> str:
         """Cardan joint: ``axis`` of the first body stays at right angles to ``axis_second`` of the second."""
         self._expect_space("universal")
-        frame = frame_along(axis_second, axis)
+        frame = frame_along(axis_second, axis, f"axis_second of joint {name!r}")
         if abs(frame[:, 0] @ np.asarray(axis, float)) < (1 - RIGHT) * np.linalg.norm(axis):
             raise ProblemError(
                 f"joint {name!r}: axis and axis_second must be at right angles; got {axis} and {axis_second}."
@@ -125,7 +135,17 @@ class Joints(Parts):
         """The second body moves in the plane of the first through ``at`` with normal ``axis``."""
         self._expect_space("planar")
         dots = (0, 2), (1, 2)
-        return self._joint("planar", name, first, second, at, at_second, frame_along(axis), dots=dots, slides=(2,))
+        return self._joint(
+            "planar",
+            name,
+            first,
+            second,
+            at,
+            at_second,
+            frame_along(axis, name=f"axis of joint {name!r}"),
+            dots=dots,
+            slides=(2,),
+        )
 
     def weld(self, name: str, first: str, second: str, at: Any, *, at_second: Any = None) -> str:
         """Rigid joint."""
@@ -134,21 +154,23 @@ class Joints(Parts):
 
     def distance(self, name: str, first: str, second: str, at: Any, at_second: Any, length: float | None = None) -> str:
         """Massless rod from ``at`` of the first to ``at_second`` of the second, of ``length`` [m] or as drawn."""
-        self._joint("distance", name, first, second, at, at_second)
         a, b = np.asarray(at, float), np.asarray(at_second, float)
         value = float(np.linalg.norm(a - b) if length is None else length)
         if not value > 0.0:
             raise ProblemError(f"joint {name!r}: length must be above 0 m; got {value}. A ball joint has no length.")
+        self._joint("distance", name, first, second, at, at_second)
         self.joints[name].rows = [self.row("distance", first, second, a=a, b=b, value=value)]
         return name
 
     def on_line(self, name: str, first: str, second: str, at: Any, axis: Any, *, at_second: Any = None) -> str:
         """Point ``at`` of the second body on the line of the first through ``at`` along ``axis``."""
         if self.plane:
-            along = self._vector("axis", axis) / np.linalg.norm(axis)
+            along = unit(f"axis of joint {name!r}", axis, 2)
             frame = np.array([[along[1], along[0]], [-along[0], along[1]]])
             return self._joint("on_line", name, first, second, at, at_second, frame, slides=(0,))
-        return self._joint("on_line", name, first, second, at, at_second, frame_along(axis), slides=(0, 1))
+        return self._joint(
+            "on_line", name, first, second, at, at_second, frame_along(axis, name=f"axis of joint {name!r}"), slides=(0, 1)
+        )
 
     def on_curve(self, name: str, first: str, second: str, at: Any, function: Callable[[Any], Any]) -> str:
         """Point ``at`` of the second body on a curve of the first.
@@ -168,7 +190,7 @@ class Joints(Parts):
         one, two = self._find(joint, "revolute"), self._find(other, "revolute")
         if not all(float(z).is_integer() and z for z in teeth):
             raise ProblemError(f"gear {name!r}: teeth must be two whole numbers, not zero; got {teeth}.")
-        self._expect_new(name, self.joints)
+        self._expect_new(name)
         self._turn(two, None, "gear other")
         row = self._turn(one, None, "gear")
         self.rows["gear"][-1].more |= {"ratio": teeth[1] / teeth[0], "teeth": abs(teeth[0])}
@@ -178,7 +200,9 @@ class Joints(Parts):
     def screw(self, name: str, joint: str, lead: float) -> str:
         """Couple angle and travel of a cylindrical joint: ``lead`` [m] of travel a turn."""
         one = self._find(joint, "cylindrical")
-        self._expect_new(name, self.joints)
+        if not (np.isfinite(lead) and lead):
+            raise ProblemError(f"screw {name!r}: lead must be a length of a turn [m], not zero; got {lead}.")
+        self._expect_new(name)
         self._travel(one, None, "screw other")
         row = self._turn(one, None, "screw")
         self.rows["screw"][-1].more |= {"ratio": -2 * np.pi / lead, "teeth": 1}
@@ -191,11 +215,11 @@ class Joints(Parts):
         """Disc about ``axis`` (a ball without one) with centre ``at`` rolls without slip on the plane of ``on`` through
         ``point`` with ``normal``.
         """
-        up = self._vector("normal", normal) / np.linalg.norm(normal)
+        up = unit(f"normal of joint {name!r}", normal, self.dimension)
         through = self._vector("point", point)
         self._joint("rolling", name, on, body, at)
         across = np.array([[up[1], -up[0]]]) if self.plane else frame_along(up).T[:2]
-        u = None if axis is None or self.plane else np.asarray(axis, float) / np.linalg.norm(axis)
+        u = None if axis is None or self.plane else unit(f"axis of joint {name!r}", axis, 3)
         _, R, _ = self.pose(on)
         centre = self._vector("at", at)
         row = self.row("rolling", body, on, a=centre, b=through, u=u, w=up, radius=radius, across=across @ R)
@@ -209,7 +233,7 @@ class Joints(Parts):
         ``travel=True`` the travel.  ``law`` is written in ``jax.numpy``.
         """
         one = self._find(joint, "revolute", "prismatic", "cylindrical")
-        self._expect_new(name, self.joints)
+        self._expect_new(name)
         if (law is None) == (speed is None):
             raise ProblemError(f"motor {name!r}: give either a law of the position or speed=, a law of the rate.")
         sliding = one.kind == "prismatic" or travel

@@ -18,7 +18,7 @@ from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.system import Problem
 
-FAR_APART = 1e8  # ratio of masses above which one may have a wrong unit
+APART = 1e8  # ratio of masses beyond which one of them is likely in another unit
 
 
 class Mechanism(Forces):
@@ -38,6 +38,7 @@ class Mechanism(Forces):
         """Make the system of equations."""
         if not self.bodies:
             raise ProblemError("a mechanism needs a body: m.body(name, mass, inertia, at=...).")
+        self._warn_of_units()
         bodies = self.bodies.values()
         J = np.array([body.inertia for body in bodies])
         j0 = J if self.plane else np.trace(J, axis1=1, axis2=2) / 3
@@ -57,6 +58,14 @@ class Mechanism(Forces):
             speeds=self.rows_of("speed") if "speed" in given else None,
             moves=any(row.law is not None for family in ("slide", "turn") for row in given.get(family, [])),
         )
+
+    def _warn_of_units(self) -> None:
+        light, heavy = (pick(self.bodies.items(), key=lambda item: item[1].mass) for pick in (min, max))
+        if heavy[1].mass > APART * light[1].mass:
+            warnings.warn(
+                f"body {heavy[0]!r} has {heavy[1].mass:g} kg beside {light[1].mass:g} kg of {light[0]!r}: check the units.",
+                stacklevel=4,
+            )
 
     def _family(self, name: str) -> Any:
         rows, made = self.rows[name], self.rows_of(name)
@@ -98,11 +107,6 @@ class Mechanism(Forces):
         Call :meth:`assemble` before if the bodies do not fit their joints yet.
         """
         system, (q0, v0) = self.system(), self.start()
-        heavy, light = (chosen(self.bodies, key=lambda one: self.bodies[one].mass) for chosen in (max, min))
-        masses = [self.bodies[one].mass for one in (heavy, light)]
-        if masses[0] > FAR_APART * masses[1]:
-            text = f"body {heavy!r} has {masses[0]:g} kg beside {masses[1]:g} kg of {light!r}: are both in kg?"
-            warnings.warn(text, stacklevel=2)
         return Problem(name=name, system=system, t_span=t_span, q0=q0, v0=v0, **{"sketch": self.sketch} | options)
 
     def assemble(

@@ -66,6 +66,7 @@ class Parts:
         self.plane = plane
         self.bodies: dict[str, Body] = {}
         self.joints: dict[str, Joint] = {}
+        self.forces: dict[str, Any] = {}
         self.rows: dict[str, list[Row]] = {}
 
     @property
@@ -111,7 +112,7 @@ class Parts:
             The name is taken, the mass is not positive, or no body has such moments of inertia.
         """
         d = self.dimension
-        self._expect_new(name, self.bodies)
+        self._expect_new(name)
         if not (np.isfinite(mass) and mass > 0.0):
             raise ProblemError(f"body {name!r}: mass must be above 0 kg; got {mass}.")
         R, angle = self._rotation(name, turned)
@@ -125,7 +126,7 @@ class Parts:
             velocity=self._vector(f"velocity of body {name!r}", zero if velocity is None else velocity),
             rate=(0.0 if rate is None else float(rate))
             if self.plane
-            else self._vector("rate", zero if rate is None else rate),
+            else self._vector(f"rate of body {name!r}", zero if rate is None else rate),
         )
         return name
 
@@ -136,7 +137,7 @@ class Parts:
         R = np.eye(3) if turned is None else np.asarray(turned, dtype=float)
         if R.shape == (4,):
             R = np.asarray(space.rotation(jnp.asarray(R / np.linalg.norm(R))))
-        if R.shape != (3, 3) or abs(R.T @ R - np.eye(3)).max() > RIGHT or np.linalg.det(R) < 0:
+        if R.shape != (3, 3) or not abs(R.T @ R - np.eye(3)).max() <= RIGHT or np.linalg.det(R) < 0:
             raise ProblemError(f"body {name!r}: turned must be a rotation matrix (3, 3) or a quaternion (4,); got {turned}.")
         return R, 0.0
 
@@ -163,8 +164,8 @@ class Parts:
             raise ProblemError(f"{name} must be {self.dimension} numbers; got {value!r}.")
         return found
 
-    def _expect_new(self, name: str, taken: Any) -> None:
-        if name in taken or name == GROUND:
+    def _expect_new(self, name: str) -> None:
+        if name in (GROUND, *self.bodies, *self.joints, *self.forces):
             raise ProblemError(f"{name!r} is there already; give another name.")
 
     def pose(self, name: str) -> tuple[Any, Any, float]:
@@ -218,18 +219,23 @@ class Parts:
         return Rows(first=first, second=second, laws=laws, a=a, b=b, u=u, w=w, y=y, value=value)
 
 
+def unit(name: str, value: Any, dimension: int) -> Any:
+    """Unit vector (d,) along ``value``."""
+    found = np.asarray(value, dtype=float)
+    if found.shape != (dimension,) or not (np.isfinite(found).all() and np.linalg.norm(found) > 0.0):
+        raise ProblemError(f"{name} must be {dimension} numbers, not all zero; got {value!r}.")
+    return found / np.linalg.norm(found)
+
+
 def tidy(x: Any) -> Any:
     """Round entries of ``x`` that are within 1e-14 of an integer, so that zeros stay zeros."""
     near = np.round(x)
     return np.where(abs(x - near) < 1e-14, near, x)
 
 
-def frame_along(axis: Any, x: Any = None) -> Any:
+def frame_along(axis: Any, x: Any = None, name: str = "axis") -> Any:
     """Matrix (3, 3) of a frame with z along ``axis`` and x near ``x``, or near the axis of space furthest from z."""
-    z = np.asarray(axis, dtype=float)
-    if z.shape != (3,) or not np.linalg.norm(z) > 0.0:
-        raise ProblemError(f"axis must be three numbers, not all zero; got {axis!r}.")
-    z = z / np.linalg.norm(z)
+    z = unit(name, axis, 3)
     x = np.eye(3)[np.argmin(abs(z))] if x is None else np.asarray(x, dtype=float)
     x = x - z * (x @ z)
     x = x / np.linalg.norm(x)
