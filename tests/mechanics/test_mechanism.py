@@ -280,7 +280,7 @@ def test_joints_of_space_accelerate_as_closed_solutions_say():
 
 
 def test_cardan_joint_turns_unevenly():
-    """``w2 / w1 = cos(b) / (1 - sin(b)^2 sin(a)^2)`` of shafts at the angle b; a from where w2 is the least (any textbook)."""
+    """``w2 / w1 = cos(b) / (1 - sin(b)^2 sin(a)^2)`` of shafts at an angle b; a from where w2 is least."""
     b, a = 0.5, 0.7
     m = Mechanism((0, 0, 0))
     tilted = (np.cos(b), np.sin(b), 0.0)

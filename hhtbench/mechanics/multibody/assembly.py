@@ -65,13 +65,14 @@ def _local(system: Any, t: float, q: Any, v: Any) -> Any:
 @eqx.filter_jit  # compiles once for all mechanisms of one structure
 def _compiled(system: Any, t: Any, q: Any, v: Any) -> _Local:
     mass = system.mass_matrix(t, q) if callable(system.mass_matrix) else jnp.asarray(system.mass_matrix)
-    rows = velocity_rows = None, None, None
+    rows: tuple[Any, ...] = (None, None, None)
+    velocity_rows: tuple[Any, ...] = (None, None)
     if system.constraint is not None:
         G, moving = jax.jacfwd(system.constraint, (1, 0))(t, q)
         rows = system.constraint(t, q), G, moving
     if system.velocity_constraint is not None:
         velocity_rows = system.velocity_constraint(t, q, v), jax.jacfwd(system.velocity_constraint, 2)(t, q, v)
-    return _Local(mass, *rows, *velocity_rows[:2])
+    return _Local(mass, *rows, *velocity_rows)
 
 
 def mobility(m: Any) -> Mobility:

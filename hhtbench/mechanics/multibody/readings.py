@@ -24,12 +24,14 @@ SLIDING = "prismatic", "cylindrical", "on_line"  # with a travel
 def moves(m: Any, q: Any, v: Any) -> Any:
     """Angles in (-pi, pi] in space, travels and rates (k, j) of all joints of ``m`` at states ``q, v`` (n,) or (k, n)."""
     joints = list(m.joints.values())
-    bodies = (tuple(m.number(getattr(joint, side)) for joint in joints) for side in ("first", "second"))
+    first, second = (tuple(m.number(getattr(joint, side)) for joint in joints) for side in ("first", "second"))
     a, b = (np.array([joint.points[i] for joint in joints]) for i in (0, 1))
     one, other = (np.array([joint.frames[i] for joint in joints]) for i in (0, 1))
     laws = (None,) * len(joints)
     drawn = np.array([joint.drawn for joint in joints])
-    rows = Rows(*bodies, laws, a=a, b=b, u=one[:, :, 0], w=other[:, :, 0], y=one[:, :, 1], value=drawn)
+    rows = Rows(
+        first=first, second=second, laws=laws, a=a, b=b, u=one[:, :, 0], w=other[:, :, 0], y=one[:, :, 1], value=drawn
+    )
     return _moves(m.frame, rows, one[:, :, -1], other[:, :, -1], np.atleast_2d(q), np.atleast_2d(v))
 
 
