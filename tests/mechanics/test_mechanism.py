@@ -222,6 +222,7 @@ def in_space():
     return m, At(m, TIMES, q.reshape(TIMES.size, -1), v.reshape(TIMES.size, -1))
 
 
+@pytest.mark.long  # half a minute, most of it for the equations of 19 bodies in space
 def test_plane_and_space_agree():
     """Columns of both tables, by name, at the same states."""
     (m, solution), (solid, states) = solved(True), in_space()
@@ -232,7 +233,7 @@ def test_plane_and_space_agree():
         np.testing.assert_allclose(both, values, rtol=0, atol=1e-9 * size, err_msg=name)
 
 
-@pytest.mark.parametrize("plane", [True, False])
+@pytest.mark.parametrize("plane", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_energy_changes_by_the_power_of_motors_dampers_friction_and_loads(plane):
     m, solution = solved(True)
     states = At(m, TIMES, solution.q, solution.v) if plane else in_space()[1]
@@ -280,7 +281,7 @@ def test_joints_of_space_accelerate_as_closed_solutions_say():
 
 
 def test_cardan_joint_turns_unevenly():
-    """``w2 / w1 = cos(b) / (1 - sin(b)^2 sin(a)^2)`` of shafts at the angle b, a from where w2 is the least."""
+    """``w2 / w1 = cos(b) / (1 - sin(b)^2 sin(a)^2)`` of shafts at an angle b; a from where w2 is least."""
     b, a = 0.5, 0.7
     m = Mechanism((0, 0, 0))
     tilted = (np.cos(b), np.sin(b), 0.0)

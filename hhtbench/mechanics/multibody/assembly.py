@@ -65,8 +65,8 @@ def _local(system: Any, t: float, q: Any, v: Any) -> Any:
 @eqx.filter_jit  # compiles once for all mechanisms of one structure
 def _compiled(system: Any, t: Any, q: Any, v: Any) -> _Local:
     mass = system.mass_matrix(t, q) if callable(system.mass_matrix) else jnp.asarray(system.mass_matrix)
-    rows: tuple[Any, ...] = None, None, None
-    velocity_rows: tuple[Any, ...] = None, None
+    rows: tuple[Any, ...] = (None, None, None)
+    velocity_rows: tuple[Any, ...] = (None, None)
     if system.constraint is not None:
         G, moving = jax.jacfwd(system.constraint, (1, 0))(t, q)
         rows = system.constraint(t, q), G, moving

@@ -27,9 +27,11 @@ def moves(m: Any, q: Any, v: Any) -> Any:
     first, second = (tuple(m.number(getattr(joint, side)) for joint in joints) for side in ("first", "second"))
     a, b = (np.array([joint.points[i] for joint in joints]) for i in (0, 1))
     one, other = (np.array([joint.frames[i] for joint in joints]) for i in (0, 1))
-    ends = {"first": first, "second": second, "laws": (None,) * len(joints)}
+    laws = (None,) * len(joints)
     drawn = np.array([joint.drawn for joint in joints])
-    rows = Rows(**ends, a=a, b=b, u=one[:, :, 0], w=other[:, :, 0], y=one[:, :, 1], value=drawn)
+    rows = Rows(
+        first=first, second=second, laws=laws, a=a, b=b, u=one[:, :, 0], w=other[:, :, 0], y=one[:, :, 1], value=drawn
+    )
     return _moves(m.frame, rows, one[:, :, -1], other[:, :, -1], np.atleast_2d(q), np.atleast_2d(v))
 
 
