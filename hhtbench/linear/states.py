@@ -7,16 +7,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhtbench.linear.tangent import Terms, terms_of
+from hhtbench.linear.tangent import Linear, Terms, linearise, terms_of
 from hhtbench.lowering import CONSISTENT, ConstraintLevels, derive, route_of, size_of
 from hhtbench.lowering.dynamics.rank import RANK_TOLERANCE
 from hhtbench.lowering.equations import Equations
-from hhtbench.protocol.arguments import Vector, real_number, real_vector
+from hhtbench.protocol.arguments import Matrix, Vector, real_number, real_vector
 from hhtbench.protocol.errors import ProblemError, Stop
 from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem, Unscaled
 
 EPS = float(np.finfo(float).eps)
+WORDS = {
+    "balance": "a force or a reaction",
+    "position": "a constraint",
+    "by_q": "a derivative of the forces by q",
+    "by_v": "a derivative of the forces by v",
+    "rows": "a constraint Jacobian",
+    "drift": "a second derivative of the constraints",
+}
 DIFFERENCES = 1e-8  # relative error of a derivative by first differences
 
 
@@ -52,7 +60,24 @@ class FixedTime:
 
     def terms(self, q: Vector, v: Vector, at: Rates, rank: int | None = None) -> Terms:
         """The terms of the linearised equations; ``rank`` of the constraints where it is known."""
-        return self._terms(self.t, q, v, *at, rank=rank)
+        try:
+            found = self._terms(self.t, q, v, *at, rank=rank)
+        except Stop as stop:  # of plain callables
+            raise ProblemError(f"{self.problem.name}: {stop}; nothing can be linearised there.") from None
+        for name in ("balance", "position", "by_q", "by_v", "rows", "drift"):
+            if not np.isfinite(getattr(found, name)).all():
+                raise ProblemError(f"{self.problem.name}: {WORDS[name]} is not finite at q = {q}.")
+        return found
+
+    def linear(self, terms: Terms, along: Matrix) -> Linear:
+        """The linearised motion seen by an observer who moves with ``q' = along q``, (n, n)."""
+        try:
+            return linearise(terms, along)
+        except np.linalg.LinAlgError:
+            raise ProblemError(
+                f"{self.problem.name}: the mass is singular along a direction that the constraints leave free, so that the "
+                "equations determine no accelerations; give every body a mass."
+            ) from None
 
     def rank(self, q: Vector) -> int | None:
         """Rank of the constraints at ``q``; None if q violates them or a row is zero, so that it is none of the motion."""
@@ -72,7 +97,7 @@ class FixedTime:
         try:
             return Rates(vdot, *Equations(self.problem.starting((self.t, self.t + 1.0), q, v)).multipliers(self.t, q, v))
         except Stop as stop:
-            raise ProblemError(f"{self.problem.name}: {stop}; there is nothing to linearise.") from None
+            raise ProblemError(f"{self.problem.name}: {stop}; nothing can be linearised there.") from None
 
     def expect_time_free(self, q: Vector) -> None:
         """Raise a ProblemError if a constraint prescribes a motion at ``t``: rest at ``q`` would violate it."""

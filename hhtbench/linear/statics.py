@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from hhtbench.linear.states import FixedTime, Rates
-from hhtbench.linear.tangent import Terms, decomposed, linearise
+from hhtbench.linear.tangent import Terms, decomposed
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import Problem
@@ -88,7 +88,7 @@ def equilibrium(problem: Problem, t: float | None = None, q: Any = None) -> Equi
         mu=found.mu,
         residual=float(np.abs(terms.balance).max()),
         iterations=iterations,
-        stable=not linearise(terms, np.zeros((zero.size, zero.size))).spectrum(at.error).grows,
+        stable=not at.linear(terms, np.zeros((zero.size, zero.size))).spectrum(at.error).grows,
     )
 
 

@@ -144,7 +144,7 @@ class Linear:
         return Spectrum(np.where(np.abs(values.real) <= noise, 1j * values.imag, values), scales @ right)
 
     def leaves(self, x: Vector, u: Vector) -> float:
-        """Share of ``A (y, z)`` that is not zero, for small motions x and u that a symmetry only shifts along the path."""
+        """Relative size of ``A (y, z)`` for (x, u) along the motion itself: zero if it is steady."""
         state = np.linalg.lstsq(np.concatenate([self.positions, self.velocities]), np.concatenate([x, u]))[0]
         size = np.linalg.norm(np.abs(self.matrix) @ np.abs(state))
         return float(np.linalg.norm(self.matrix @ state) / size) if size else 0.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from hhtbench.linear.states import FixedTime, Rates
 from hhtbench.linear.statics import Equilibrium, equilibrium
-from hhtbench.linear.tangent import Linear, linearise
+from hhtbench.linear.tangent import Linear
 from hhtbench.protocol.arguments import Matrix, Vector, real_vector
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import Problem
@@ -71,7 +71,7 @@ def modes(
     if isinstance(at, Equilibrium):
         zero = np.zeros(at.q.size)
         now = FixedTime(problem, at.t)
-        linear = linearise(now.terms(at.q, zero, Rates(zero, at.lam, at.mu)), np.zeros((zero.size, zero.size)))
+        linear = now.linear(now.terms(at.q, zero, Rates(zero, at.lam, at.mu)), np.zeros((zero.size, zero.size)))
         return _modes_of(linear, now.error, at.q, zero)
     if not isinstance(at, (tuple, list)) or len(at) != 2:
         raise TypeError(f"at must be an Equilibrium or a pair (q, v); got {type(at).__name__}.")
@@ -97,7 +97,7 @@ def _linear_at(now: FixedTime, q: Vector, v: Vector, X: Matrix) -> Linear:
     now.expect_consistent(q, v)
     terms = now.terms(q, v, now.multipliers(q, v, X @ v))
     now.expect_steady(terms, q)
-    linear = linearise(terms, X)
+    linear = now.linear(terms, X)
     if np.any(v) and (change := linear.leaves(v, X @ v)) > STEADY:
         raise ProblemError(
             f"{now.problem.name}: the motion is not steady: the linearised equations change along it by {change:.1e}. "

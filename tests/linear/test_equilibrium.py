@@ -148,3 +148,23 @@ def test_what_has_no_equilibrium_says_so():
         hb.equilibrium(hb.load_problem("simple_pendulum"), q=[1.0])
     with pytest.raises(TypeError, match="expected a Problem; got str"):
         hb.equilibrium("simple_pendulum")
+
+
+class Broken(hb.System):
+    """A force that is not finite below zero, and a second coordinate without mass or stiffness."""
+
+    mass_matrix = jnp.array([1.0, 0.0])
+
+    def force(self, t, q, v):
+        return jnp.stack([jnp.sqrt(q[0]) - 0.1, 0 * q[1]])
+
+
+def test_forces_that_are_not_finite_and_parts_without_mass_are_named():
+    broken = hb.Problem(name="broken", system=Broken(), t_span=(0, 1), q0=[-1.0, 0.0], v0=[0.0, 0.0])
+    with pytest.raises(hb.ProblemError, match=r"^broken: a force or a reaction is not finite at q = \[-1\.  0\.\]"):
+        hb.equilibrium(broken)
+    with pytest.raises(hb.ProblemError, match=r"^broken: the mass is singular along a direction"):
+        hb.modes(broken, ([0.01, 0.0], [0.0, 0.0]))
+    plain = hb.NumpySystem(force=lambda t, q, v: np.array([np.nan]))
+    with pytest.raises(hb.ProblemError, match=r"^plain: force\[0\] = nan at t = 0; nothing can be linearised there"):
+        hb.equilibrium(hb.Problem(name="plain", system=plain, t_span=(0, 1), q0=[1.0], v0=[0.0]))
