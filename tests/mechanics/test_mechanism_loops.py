@@ -189,11 +189,96 @@ def test_start_has_the_rates_asked_for_and_open_loops_are_named():
     np.testing.assert_array_equal(m.bodies["coupler"].x, before)
 
 
+def cranks(count):
+    """Cranks side by side on the ground, turning about z."""
+    m = Mechanism()
+    for i in range(count):
+        m.body(f"crank {i}", 1.0, (0.1, 0.1, 0.1), at=(i, 0, 0))
+        m.revolute("AB"[i], "ground", f"crank {i}", (i, 0, 0), Z)
+    return m
+
+
+def shown(m, body):
+    """Angle of a body about z."""
+    return np.arctan2(m.bodies[body].R[1, 0], m.bodies[body].R[0, 0])
+
+
+@pytest.mark.parametrize("angle", [1.0, 3.0, 4.0, -7.5])
+def test_motor_begins_at_its_own_angle_however_far(angle):
+    m = cranks(1)
+    m.motor("drive", "A", lambda t: angle + t)
+    if np.cos(angle) < 0:  # its row holds half a turn off, too
+        with pytest.raises(ProblemError, match=r"motor 'drive' prescribes .* call m.assemble"):
+            m.problem((0, 1))
+    m.assemble()
+    assert abs(np.exp(1j * shown(m, "crank 0")) - np.exp(1j * angle)) < 1e-8
+    np.testing.assert_allclose(m.bodies["crank 0"].rate, Z, atol=1e-12)
+    solution = hb.solve(m.problem((0, 0.01)), "hht", steps=2)
+    np.testing.assert_allclose(m.of(solution, "A").angle()[[0, -1]], [angle, angle + 0.01], atol=1e-8)
+
+
+def test_rates_are_those_asked_for_at_any_angle():
+    m = cranks(1)
+    m.assemble({"A": 2.0})
+    m.assemble(rates={"A": 2.0})
+    np.testing.assert_allclose(m.bodies["crank 0"].rate, 2.0 * Z, atol=1e-10)
+    assert abs(shown(m, "crank 0") - 2.0) < 1e-10
+
+
+@pytest.mark.parametrize("teeth", [(160, 80), (17, 43), (-20, 60)])
+def test_gears_keep_their_teeth_from_rough_poses(teeth):
+    random, m = np.random.default_rng(3), cranks(2)
+    m.gear("gear", "A", "B", teeth)
+    m.body("cart", 1.0, (1, 1, 1))
+    drawn = {name: (body.x, body.R) for name, body in m.bodies.items()}
+    for _ in range(5):
+        for name, (x, R) in drawn.items():
+            m.bodies[name].x = x + random.uniform(-0.1, 0.1, 3)
+            m.bodies[name].R = m._rotation(name, np.array([1.0, 0, 0, 0]) + random.uniform(-0.1, 0.1, 4))[0] @ R
+            for joint in m.joints.values():
+                joint.turns = 0
+        m.assemble({"A": 1.3}, rates={"A": 2.0})
+        other = -1.3 * teeth[0] / teeth[1]
+        assert abs(np.exp(1j * shown(m, "crank 1")) - np.exp(1j * other)) < 1e-8
+        np.testing.assert_allclose(m.bodies["crank 1"].rate[2], -2.0 * teeth[0] / teeth[1], atol=1e-8)
+
+
+def test_screw_stays_in_its_thread_when_its_bodies_are_brought_together():
+    m = Mechanism()
+    m.body("nut", 1.0, (1, 1, 1))
+    m.cylindrical("thread", "ground", "nut", (0, 0, 0), Z, at_second=(0, 0, 0.004))
+    m.screw("screw", "thread", 0.01)
+    m.assemble()
+    angle, travel = shown(m, "nut"), m.bodies["nut"].x[2] + 0.004
+    assert abs(angle - 2 * np.pi * travel / 0.01) < 1e-8
+
+
+def test_two_motors_of_one_speed_share_their_load_evenly():
+    m = cranks(1)
+    m.motor("one", "A", speed=lambda t: 1 + t)
+    m.motor("two", "A", speed=lambda t: 1 + t)
+    m.assemble()
+    assert m.mobility().sharing == (("one", "two"),)
+    solution = hb.solve(m.problem((0, 0.1)), "projected", rtol=1e-8, t_eval=[0.0, 0.05, 0.1])
+    one, two = (m.of(solution, name).torque()[:, 2] for name in ("one", "two"))
+    np.testing.assert_allclose(one, two, atol=1e-9)
+    np.testing.assert_allclose(one + two, 0.1, atol=1e-8)  # J dw/dt about the hinge at the centre
+
+
+def test_solution_of_a_mechanism_that_was_extended_is_not_read():
+    m = cranks(1)
+    solution = hb.solve(m.problem((0, 0.01)), "hht", steps=1)
+    m.of(solution, "A").force()
+    m.body("more", 1.0, (1, 1, 1))
+    with pytest.raises(ProblemError, match="other bodies or joints than the solution"):
+        m.of(solution, "A").force()
+
+
 BAD = {
     "'light': mass must be above 0": lambda m: m.body("light", 0.0, (1, 1, 1)),
     "'odd': no body has": lambda m: m.body("odd", 1.0, (1, 1, 3)),
     "'skew': inertia must be": lambda m: m.body("skew", 1.0, [[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]),
-    "'still': turned must be": lambda m: m.body("still", 1.0, (1, 1, 1), turned=(0, 0, 0, 0)),
+    "turned of body 'still' must be": lambda m: m.body("still", 1.0, (1, 1, 1), turned=(0, 0, 0, 0)),
     "at of body 'flat' must be 3": lambda m: m.body("flat", 1.0, (1, 1, 1), at=(0, 0)),
     "no body 'dor'": lambda m: m.revolute("A", "ground", "dor", (0, 0, 0), Z),
     "'door' is there already": lambda m: m.revolute("door", "ground", "door", (0, 0, 0), Z),
@@ -203,6 +288,12 @@ BAD = {
     "no joint 'uper'": lambda m: m.motor("A", "uper", lambda t: t),
     "motor 'A': give either": lambda m: m.motor("A", "upper"),
     "'A': axis and axis_second": lambda m: m.universal("A", "ground", "door", (0, 0, 0), Z, Z + X),
+    "both axes are parallel": lambda m: m.universal("A", "ground", "door", (0, 0, 0), Z, Z),
+    "'A' acts on the ground": lambda m: m.load("A", "ground", force=(1, 2, 3)),
+    "'A': stiffness must be finite": lambda m: m.spring("A", "ground", "door", (0, 0, 0), (1, 0, 0), np.nan),
+    "'A': radius must be above 0": lambda m: m.rolling("A", "door", -1.0, (0, 0, 1), point=(0, 0, 0), normal=Z),
+    "'A': onset must be above 0": lambda m: m.contact("A", "door", "ground", (0, 0, 0), 1.0, point=Z, normal=Z, onset=0.0),
+    "axes of bushing 'A' must be": lambda m: m.bushing("A", "ground", "door", (0, 0, 0), 1.0, axes=np.ones((3, 3))),
     "load 'A': force must be 3": lambda m: m.load("A", "door", force=(1, 2)),
     "contact 'A': give either": lambda m: m.contact("A", "door", "ground", (0, 0, 0), 1.0, onset=1e-3),
 }

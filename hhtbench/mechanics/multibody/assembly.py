@@ -115,22 +115,74 @@ def assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) ->
 
 
 def _assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) -> None:
-    now = {name: _now(m, name) for name in at}
-    count = max([1, *(math.ceil(abs(at[name] - now[name]) / PART) for name in at)])
+    """Approach the angles and travels ``at`` and those of motors in parts so short that turns and teeth are counted."""
     q, v = m.start()
     weight = _weight(_local(m.system(), t, q, v).mass)
+    now = _counted(m, q, {name: 2 * math.pi * joint.turns for name, joint in m.joints.items()})
+    goals = {name: float(at[_moving_joint(m, name).name]) for name in at} | _motors(m, t)
+    begun = {name: now[name][_slides(m, name)] for name in goals}
+    ratios = [abs(row.more["ratio"]) for family in ("gear", "screw") for row in m.rows.get(family, [])]
+    steepest = max([1.0, *ratios, *(1 / ratio for ratio in ratios)])
+    count = max([1, *(math.ceil(abs(goals[name] - begun[name]) * steepest / PART) for name in goals)])
     for part in range(1, count + 1):
-        q = _closed(_held(m, {name: now[name] + (at[name] - now[name]) * part / count for name in at}), t, q, weight)
+        values = {name: begun[name] + (goals[name] - begun[name]) * part / count for name in goals}
+        q = _closed(_held(_eased(m, values, now), {name: values[name] for name in at}), t, q, weight)
+        now = _counted(m, q, {name: angle for name, (angle, _) in now.items()})
     _place(m, q, v)
-    _expect_signs(m)
-    driven = _held(m, {name: at.get(name, 0.0) for name in rates})
+    expect_signs(m, t)
+    driven = _held(m, {name: now[name][_slides(m, name)] for name in rates})
     _place(m, q, _moved(driven, t, q, v, weight, rates))
+    shown = _counted(m, q, dict.fromkeys(m.joints, 0.0))
+    for name, joint in m.joints.items():
+        joint.turns = round((now[name][0] - shown[name][0]) / (2 * math.pi))
+
+
+def _counted(m: Any, q: Any, near: dict[str, float]) -> dict[str, tuple[float, float]]:
+    """Angle and travel of every joint by name; in space the angles within half a turn of ``near``."""
+    angle, travel, _ = moves(m, q, q) if m.joints else (np.zeros((1, 0)),) * 3
+    turns = [0 if m.plane else round((near[name] - a) / (2 * math.pi)) for name, a in zip(m.joints, angle[0], strict=True)]
+    return {
+        name: (float(a) + 2 * math.pi * k, float(s))
+        for name, a, k, s in zip(m.joints, angle[0], turns, travel[0], strict=True)
+    }
+
+
+def _slides(m: Any, name: str) -> int:
+    """1 if a joint is prismatic or a motor prescribes its travel, else 0."""
+    joint = m.joints[name]
+    return int(joint.kind == "prismatic" or (joint.kind == "motor" and joint.rows[0][0] == "slide"))
+
+
+def _motors(m: Any, t: float) -> dict[str, float]:
+    """Angles or travels at time ``t`` that motors prescribe, by name."""
+    found = {name: m.rows[joint.rows[0][0]][joint.rows[0][1]] for name, joint in m.joints.items() if joint.kind == "motor"}
+    return {name: float(row.law(t)) for name, row in found.items() if m.joints[name].rows[0][0] != "speed"}
+
+
+def _eased(m: Any, values: dict[str, float], now: dict[str, tuple[float, float]]) -> Any:
+    """A copy of ``m`` whose motors hold ``values`` and whose gears know the turns of their angles ``now``."""
+    trial = _copied(m)
+    for name in values:
+        joint = m.joints[name]
+        if joint.kind != "motor":
+            continue
+        family, number = joint.rows[0]
+        (trial._travel if family == "slide" else trial._turn)(joint, None, value=values[name])
+        trial.rows[family][number] = trial.rows[family].pop()
+    for family in ("gear", "screw") if not m.plane else ():
+        for part in (family, f"{family} other"):
+            for i, row in enumerate(m.rows.get(part, [])):
+                joint = m.rows[family][i].more["joints"][part != family]
+                if part != "screw other":
+                    trial._turn(joint, None, part, value=now[joint.name][0])
+                    trial.rows[part][i] = trial.rows[part].pop()
+                    trial.rows[part][i].more = row.more | {"counted": True}
+    return trial
 
 
 def _held(m: Any, values: dict[str, float]) -> Any:
     """A copy of ``m`` with joints held at angles or travels, by name."""
-    trial = copy.copy(m)
-    trial.joints, trial.rows = dict(m.joints), {name: list(rows) for name, rows in m.rows.items()}
+    trial = _copied(m)
     for name, value in values.items():
         joint = _moving_joint(m, name)
         row = (trial._travel if joint.kind == "prismatic" else trial._turn)(joint, None, value=value)
@@ -138,15 +190,15 @@ def _held(m: Any, values: dict[str, float]) -> Any:
     return trial
 
 
+def _copied(m: Any) -> Any:
+    """A copy of ``m`` to which rows can be added."""
+    trial = copy.copy(m)
+    trial.joints, trial.rows = dict(m.joints), {name: list(rows) for name, rows in m.rows.items()}
+    return trial
+
+
 def _moving_joint(m: Any, name: str) -> Any:
     return m._find(name, "revolute", "prismatic", "cylindrical")
-
-
-def _now(m: Any, name: str) -> float:
-    """Angle or travel of a joint at the present pose."""
-    joint = _moving_joint(m, name)
-    angle, travel, _ = moves(m, *m.start())
-    return float((travel if joint.kind == "prismatic" else angle)[0, list(m.joints).index(name)])
 
 
 def _weight(M: Any) -> Any:
@@ -215,13 +267,20 @@ def _place(m: Any, q: Any, v: Any) -> None:
         body.R, body.angle = np.asarray(R[i]), float(parts[i, 2]) if m.plane else 0.0
 
 
-def _expect_signs(m: Any) -> None:
-    """Raise if an axis that a joint holds parallel ended reversed: its rows hold at half a turn too."""
+def expect_signs(m: Any, t: float) -> None:
+    """Raise if the axis of a joint is reversed, or the angle of a motor half a turn off: their rows hold there too."""
     if m.plane:
         return
+    angles = _counted(m, m.start()[0], dict.fromkeys(m.joints, 0.0))
+    for name, value in _motors(m, t).items():
+        if not _slides(m, name) and math.cos(angles[name][0] - value) < 0.0:
+            raise ProblemError(
+                f"motor {name!r} prescribes {value:.6g} rad at {t:g} s, the bodies are at {angles[name][0]:.6g} rad: "
+                f"call m.assemble(t={t:g})."
+            )
     for joint in m.joints.values():
         e = [m.pose(body)[1] @ frame for body, frame in zip((joint.first, joint.second), joint.frames, strict=True)]
         axes = [2] if joint.kind in ("revolute", "cylindrical", "prismatic", "planar") else []
         axes += [0, 1, 2] if joint.kind in ("weld", "prismatic") else []
         if any(e[0][:, i] @ e[1][:, i] < 0.0 for i in axes):
-            raise ProblemError(f"joint {joint.name!r} came together with its axis reversed. Give a better pose.")
+            raise ProblemError(f"joint {joint.name!r} has its axis reversed. Give a better pose.")

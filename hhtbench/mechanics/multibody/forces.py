@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.mechanics.multibody.joints import Joints
-from hhtbench.mechanics.multibody.parts import Row, unit
+from hhtbench.mechanics.multibody.parts import GROUND, Row, unit
 from hhtbench.mechanics.multibody.rows import Law
 from hhtbench.protocol.errors import ProblemError
 
@@ -44,6 +44,7 @@ class Forces(Joints):
         """Spring [N/m] and damper [N s/m] between points; ``free`` is the length [m] without force, else that drawn."""
         a, b = self._vector("at", at), self._vector("at_second", at_second)
         free = float(np.linalg.norm(a - b)) if free is None else free
+        self._expect_numbers(name, stiffness=stiffness, damping=damping, free=free)
         return self._element("spring", name, first, second, a=a, b=b, stiffness=stiffness, damping=damping, free=free)
 
     def torsion(self, name: str, joint: str, stiffness: float, damping: float = 0.0, free: float = 0.0) -> str:
@@ -53,6 +54,7 @@ class Forces(Joints):
         ``free``.
         """
         self._expect_new(name)
+        self._expect_numbers(name, stiffness=stiffness, damping=damping, free=free)
         row = self._turn(self._find(joint, "revolute", "cylindrical"), None, "torsion")
         self.rows["torsion"][-1].more |= {"stiffness": stiffness, "damping": damping, "free": free}
         self.forces[name] = Element(name=name, kind="torsion", number=row[1])
@@ -61,18 +63,24 @@ class Forces(Joints):
     def bushing(
         self, name: str, first: str, second: str, at: Any, stiffness: Any, damping: Any = 0.0, axes: Any = None
     ) -> str:
-        """Springs and dampers against all offsets of two frames along ``axes`` (3, 3), columns, that coincide as drawn.
+        """Springs and dampers against all offsets of two frames that coincide as drawn.
 
         ``stiffness`` and ``damping`` (6,): three translations [N/m], three rotations [N m/rad]; in the plane (3,).
+        ``axes`` (3, 3), columns, or (4,), a quaternion: the frames' rotation in space; along space if not given.
         """
         size = 3 if self.plane else 6
-        values = {
+        values: dict[str, Any] = {
             key: np.broadcast_to(np.asarray(value, float), (size,))
             for key, value in (("stiffness", stiffness), ("damping", damping))
         }
         there = self._vector("at", at)
         (_, R1, angle1), (_, R2, angle2) = self.pose(first), self.pose(second)
-        frame = np.eye(self.dimension) if axes is None else np.asarray(axes, float)
+        if self.plane and axes is not None:
+            raise ProblemError(
+                f"bushing {name!r}: axes= is for space; in the plane it acts along those of the first as drawn."
+            )
+        self._expect_numbers(name, **values)
+        frame, _ = self._rotation(f"axes of bushing {name!r}", axes)
         more = {"axes": np.array([R1.T @ frame, R2.T @ frame])} if not self.plane else {"axes": 0.0}
         return self._element(
             "bushing", name, first, second, a=there, b=there, value=angle2 - angle1, free=np.zeros(size), **values, **more
@@ -124,6 +132,8 @@ class Forces(Joints):
             "power": power,
         }
         more["rub"] = (0.0, 1.0) if friction is None else friction
+        self._expect_numbers(name, **more)
+        self._expect_numbers(name, 0.0, onset=onset)
         a = self._vector("at", at)
         if centre is not None:
             return self._element("ball", name, first, second, a=a, b=self._vector("centre", centre), **more)
@@ -146,6 +156,8 @@ class Forces(Joints):
                 raise ProblemError(
                     f"load {name!r}: {what} must be {np.size(none)} numbers or a function of time; got {value}."
                 )
+        if body == GROUND:
+            raise ProblemError(f"load {name!r} acts on the ground, which does not move; name a body.")
         there = self.pose(body)[0] if at is None else self._vector("at", at)
         more = {"force": values[0], "torque": values[1], "torques": laws[1], "follows": follows}
         return self._element("load", name, "ground", body, b=there, law=laws[0], **more)

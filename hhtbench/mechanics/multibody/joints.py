@@ -68,8 +68,8 @@ class Joints(Parts):
         (_, R1, _), (_, R2, _) = self.pose(joint.first), self.pose(joint.second)
         x, y, _ = (R1 @ joint.frames[0]).T
         c, s = np.cos(value), np.sin(value)
-        w = (R2 @ joint.frames[1])[:, 0]
-        return self.row(family, joint.first, joint.second, u=c * x + s * y, y=c * y - s * x, w=w, law=law)
+        u, y, w = c * x + s * y, c * y - s * x, (R2 @ joint.frames[1])[:, 0]
+        return self.row(family, joint.first, joint.second, u=u, y=y, w=w, law=law, value=value)
 
     def _travel(self, joint: Joint, law: Law | None, family: str = "slide", value: float = 0.0) -> tuple[str, int]:
         """Add a row of the travel of ``joint`` along its axis from ``value`` [m]."""
@@ -125,7 +125,7 @@ class Joints(Parts):
         """Cardan joint: ``axis`` of the first body stays at right angles to ``axis_second`` of the second."""
         self._expect_space("universal")
         frame = frame_along(axis_second, axis, f"axis_second of joint {name!r}")
-        if abs(frame[:, 0] @ np.asarray(axis, float)) < (1 - RIGHT) * np.linalg.norm(axis):
+        if frame[:, 0] @ unit(f"axis of joint {name!r}", axis, 3) < 1 - RIGHT:
             raise ProblemError(
                 f"joint {name!r}: axis and axis_second must be at right angles; got {axis} and {axis_second}."
             )
@@ -156,7 +156,7 @@ class Joints(Parts):
         """Massless rod from ``at`` of the first to ``at_second`` of the second, of ``length`` [m] or as drawn."""
         a, b = np.asarray(at, float), np.asarray(at_second, float)
         value = float(np.linalg.norm(a - b) if length is None else length)
-        if not value > 0.0:
+        if not (np.isfinite(value) and value > 0.0):
             raise ProblemError(f"joint {name!r}: length must be above 0 m; got {value}. A ball joint has no length.")
         self._joint("distance", name, first, second, at, at_second)
         self.joints[name].rows = [self.row("distance", first, second, a=a, b=b, value=value)]
@@ -178,10 +178,10 @@ class Joints(Parts):
         ``function(x)`` of a point (d,) in the frame of the first is zero on the curve: one value in the plane, two in space
         (one: a surface), in ``jax.numpy``.
         """
-        self._joint("on_curve", name, first, second, at)
         there = self._vector("at", at)
         (x1, R1, _) = self.pose(first)
         count = np.size(function(R1.T @ (there - x1)))
+        self._joint("on_curve", name, first, second, at)
         self.joints[name].rows = [self.row("curve", first, second, b=there, function=function, count=count)]
         return name
 
@@ -193,7 +193,7 @@ class Joints(Parts):
         self._expect_new(name)
         self._turn(two, None, "gear other")
         row = self._turn(one, None, "gear")
-        self.rows["gear"][-1].more |= {"ratio": teeth[1] / teeth[0], "teeth": abs(teeth[0])}
+        self.rows["gear"][-1].more |= {"ratio": teeth[1] / teeth[0], "teeth": abs(teeth[0]), "joints": (one, two)}
         self.joints[name] = self._on(one, name, "gear", [row])
         return name
 
@@ -205,7 +205,7 @@ class Joints(Parts):
         self._expect_new(name)
         self._travel(one, None, "screw other")
         row = self._turn(one, None, "screw")
-        self.rows["screw"][-1].more |= {"ratio": -2 * np.pi / lead, "teeth": 1}
+        self.rows["screw"][-1].more |= {"ratio": -2 * np.pi / lead, "teeth": 1, "joints": (one, one)}
         self.joints[name] = self._on(one, name, "screw", [row])
         return name
 
@@ -217,11 +217,12 @@ class Joints(Parts):
         """
         up = unit(f"normal of joint {name!r}", normal, self.dimension)
         through = self._vector("point", point)
-        self._joint("rolling", name, on, body, at)
+        self._expect_numbers(name, 0.0, radius=radius)
         across = np.array([[up[1], -up[0]]]) if self.plane else frame_along(up).T[:2]
         u = None if axis is None or self.plane else unit(f"axis of joint {name!r}", axis, 3)
         _, R, _ = self.pose(on)
         centre = self._vector("at", at)
+        self._joint("rolling", name, on, body, at)
         row = self.row("rolling", body, on, a=centre, b=through, u=u, w=up, radius=radius, across=across @ R)
         self.joints[name].rows = [row]
         return name

@@ -32,6 +32,7 @@ class Mechanism(Forces):
         """``gravity`` (d,) [m/s^2]; if not given 9.81 along the last axis, downward."""
         super().__init__(plane=plane)
         down = -9.81 * np.eye(self.dimension)[-1]
+        self.made: Multibody | None = None  #: system of the latest problem, which solutions are read by
         self.gravity = down if gravity is None else self._vector("gravity", gravity)
 
     def system(self) -> Multibody:
@@ -56,6 +57,7 @@ class Mechanism(Forces):
             },
             loads=self._loads() if "load" in given else None,
             speeds=self.rows_of("speed") if "speed" in given else None,
+            turns=[joint.turns for joint in self.joints.values()],
             moves=any(row.law is not None for family in ("slide", "turn") for row in given.get(family, [])),
         )
 
@@ -70,7 +72,13 @@ class Mechanism(Forces):
     def _family(self, name: str) -> Any:
         rows, made = self.rows[name], self.rows_of(name)
         if name in ("gear", "screw"):
-            return Gears(made, self.rows_of(f"{name} other"), ratio=column(rows, "ratio"), teeth=column(rows, "teeth"))
+            return Gears(
+                made,
+                self.rows_of(f"{name} other"),
+                ratio=column(rows, "ratio"),
+                teeth=column(rows, "teeth"),
+                counted=rows[0].more.get("counted", False),
+            )
         if name == "curve":
             return Curves(made, tuple(row.more["function"] for row in rows))
         if name == "rolling":
@@ -106,8 +114,9 @@ class Mechanism(Forces):
 
         Call :meth:`assemble` before if the bodies do not fit their joints yet.
         """
-        system, (q0, v0) = self.system(), self.start()
-        return Problem(name=name, system=system, t_span=t_span, q0=q0, v0=v0, **{"sketch": self.sketch} | options)
+        self.made, (q0, v0) = self.system(), self.start()
+        assembly.expect_signs(self, float(t_span[0]))
+        return Problem(name=name, system=self.made, t_span=t_span, q0=q0, v0=v0, **{"sketch": self.sketch} | options)
 
     def assemble(
         self, at: dict[str, float] | None = None, *, rates: dict[str, float] | None = None, t: float = 0.0

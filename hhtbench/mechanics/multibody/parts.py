@@ -45,6 +45,7 @@ class Joint:
     frames: tuple[Any, Any]  #: columns x, y, z = axis, likewise
     base: str  #: kind of the joint itself, or of the joint that a motor, gear or screw acts on
     drawn: float = 0.0  #: angle of the second less that of the first where it was drawn, in the plane
+    turns: int = 0  #: whole turns of the present pose, which poses in space do not show
 
 
 @dataclass
@@ -115,7 +116,7 @@ class Parts:
         self._expect_new(name)
         if not (np.isfinite(mass) and mass > 0.0):
             raise ProblemError(f"body {name!r}: mass must be above 0 kg; got {mass}.")
-        R, angle = self._rotation(name, turned)
+        R, angle = self._rotation(f"turned of body {name!r}", turned)
         zero = np.zeros(d)
         self.bodies[name] = Body(
             mass=float(mass),
@@ -138,7 +139,7 @@ class Parts:
         if R.shape == (4,):
             R = np.asarray(space.rotation(jnp.asarray(R / np.linalg.norm(R))))
         if R.shape != (3, 3) or not abs(R.T @ R - np.eye(3)).max() <= RIGHT or np.linalg.det(R) < 0:
-            raise ProblemError(f"body {name!r}: turned must be a rotation matrix (3, 3) or a quaternion (4,); got {turned}.")
+            raise ProblemError(f"{name} must be a rotation matrix (3, 3) or a quaternion (4,); got {turned}.")
         return R, 0.0
 
     def _inertia(self, name: str, inertia: Any) -> Any:
@@ -163,6 +164,13 @@ class Parts:
         if found.shape != (self.dimension,) or not np.isfinite(found).all():
             raise ProblemError(f"{name} must be {self.dimension} numbers; got {value!r}.")
         return found
+
+    def _expect_numbers(self, name: str, above: float = -math.inf, **given: Any) -> None:
+        """Raise if one of the numbers ``given`` by name is not finite or not above ``above``."""
+        for what, value in given.items():
+            if not np.all(np.isfinite(value) & (np.asarray(value) > above)):
+                wanted = "finite" if above == -math.inf else f"above {above:g}"
+                raise ProblemError(f"{name!r}: {what} must be {wanted}; got {value}.")
 
     def _expect_new(self, name: str) -> None:
         if name in (GROUND, *self.bodies, *self.joints, *self.forces):
@@ -236,7 +244,9 @@ def tidy(x: Any) -> Any:
 def frame_along(axis: Any, x: Any = None, name: str = "axis") -> Any:
     """Matrix (3, 3) of a frame with z along ``axis`` and x near ``x``, or near the axis of space furthest from z."""
     z = unit(name, axis, 3)
-    x = np.eye(3)[np.argmin(abs(z))] if x is None else np.asarray(x, dtype=float)
+    x = np.eye(3)[np.argmin(abs(z))] if x is None else unit(name, x, 3)
     x = x - z * (x @ z)
+    if not np.linalg.norm(x) > RIGHT:
+        raise ProblemError(f"{name}: both axes are parallel, {axis}.")
     x = x / np.linalg.norm(x)
     return np.stack([x, np.cross(z, x), z], axis=1)

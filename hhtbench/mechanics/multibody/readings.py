@@ -74,9 +74,12 @@ def _accelerations(system: Any, t: Any, q: Any, v: Any, Q: Any) -> Any:
 
 
 @eqx.filter_jit
-def _jacobians(system: Any, t: Any, q: Any) -> Any:
-    """Jacobians (k, m, n) of the position rows at k times."""
-    return jax.vmap(jax.jacfwd(system.constraint, 1))(t, q)
+def _jacobians(system: Any, t: Any, q: Any, v: Any) -> Any:
+    """Jacobians (k, m + p, n) of the position rows by q and of the velocity rows by v at k times."""
+    found = [] if system.constraint is None else [jax.vmap(jax.jacfwd(system.constraint, 1))(t, q)]
+    if system.velocity_constraint is not None:
+        found.append(jax.vmap(jax.jacfwd(system.velocity_constraint, 2))(t, q, v))
+    return jnp.concatenate(found, axis=1)
 
 
 @eqx.filter_jit
@@ -108,20 +111,23 @@ class Reading:
 
     def __init__(self, m: Any, solution: Any) -> None:
         self._m, self._solution, self.t = m, solution, np.asarray(solution.t)
-        system = getattr(getattr(solution, "problem", None), "system", None)
-        self._system = m.system() if system is None else system
+        self._system = m.made or m.system()
+        rows = [sum(map(len, found.values())) for found in (m.rows_by_joint(), m.velocity_rows_by_joint())]
+        sizes = m.frame.size * len(m.bodies), rows[0] + (0 if m.plane else len(m.bodies)), rows[1]
+        if sizes != tuple(getattr(solution, name).shape[1] for name in ("q", "lam", "mu")):
+            raise ProblemError("the mechanism has other bodies or joints than the solution; read it before they are added.")
         self._state = tuple(jnp.asarray(getattr(solution, name)) for name in ("t", "q", "v", "lam", "mu"))
 
     @cached_property
     def _multipliers(self) -> tuple[Any, Any]:
         """Multipliers of the position and the velocity rows, of least norm where rows are redundant."""
-        t, q, _, lam, mu = self._state
-        if not lam.shape[1] or not self._m.mobility().redundant:
+        t, q, v, lam, mu = self._state
+        if not self._m.mobility().redundant:
             return lam, mu
-        G = np.asarray(_jacobians(self._system, t, q))
-        left, sizes, _ = np.linalg.svd(G, full_matrices=False)
+        left, sizes, _ = np.linalg.svd(np.asarray(_jacobians(self._system, t, q, v)), full_matrices=False)
         kept = left * (sizes > RANK * sizes[:, :1])[:, None]
-        return jnp.einsum("kij,klj,kl->ki", kept, kept, lam), mu
+        both = jnp.einsum("kij,klj,kl->ki", kept, kept, jnp.concatenate([lam, mu], axis=1))
+        return both[:, : lam.shape[1]], both[:, lam.shape[1] :]
 
     def _all_reactions(self) -> Any:
         t, q, v, *_ = self._state
@@ -208,11 +214,12 @@ class JointReading(Reading):
             raise ProblemError(f"joint {self._joint.name!r} is {self._joint.base}: it has no {what}.")
 
     def angle(self) -> Any:
-        """Angle (k,) [rad] from the drawn pose; turns are counted, between rows by the rates."""
+        """Angle (k,) [rad] from the drawn pose, with its turns: at the start by ``assemble``, between rows by the rates."""
         self._expect("angle", *TURNING)
         found, _, rate = self._motion
-        if self._m.plane or found.size < 2:
+        if self._m.plane:
             return found
+        found = found + 2 * np.pi * np.asarray(self._system.turns)[list(self._m.joints).index(self._joint.name)]
         expected = np.diff(self.t) * (rate[1:] + rate[:-1]) / 2
         turns = np.round((expected - np.diff(found)) / (2 * np.pi))
         return found + np.concatenate([[0.0], 2 * np.pi * np.cumsum(turns)])

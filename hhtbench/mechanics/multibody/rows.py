@@ -92,11 +92,11 @@ def turn(at: Placed, rows: Rows, t: Any) -> Array:
 
 
 def angles(at: Placed, rows: Rows) -> Array:
-    """Angles (j,) [rad] of the second about the first from the drawn pose; in space in (-pi, pi]."""
+    """Angles (j,) [rad] of the second about the first from the drawn pose; in space within half a turn of ``value``."""
     if at.angle is not None:
         return at.angle[jnp.array(rows.second)] - at.angle[jnp.array(rows.first)] - rows.value
     cosine, sine = _cosine_and_sine(at, rows)
-    return jnp.arctan2(sine, cosine)
+    return jnp.arctan2(sine, cosine) + rows.value
 
 
 def _cosine_and_sine(at: Placed, rows: Rows) -> tuple[Array, Array]:
@@ -116,6 +116,7 @@ class Gears(eqx.Module):
     other: Rows  #: angles of gears; travels of screws
     ratio: Any = parameter(doc="turns of the first per unit of the other (j,)")
     teeth: Any = parameter(doc="of the first (j,)")
+    counted: bool = eqx.field(static=True, default=False)  #: whether the turns of the angles are known
 
 
 def gear(at: Placed, gears: Gears, t: Any) -> Array:
@@ -132,7 +133,7 @@ def screw(at: Placed, screws: Gears, t: Any) -> Array:
 
 
 def _phase(at: Placed, gears: Gears, phase: Array) -> Array:
-    return phase if at.angle is not None else jnp.sin(gears.teeth * phase) / gears.teeth
+    return phase if at.angle is not None or gears.counted else jnp.sin(gears.teeth * phase) / gears.teeth
 
 
 class Rolling(eqx.Module):

@@ -28,6 +28,7 @@ class Multibody(System):
     elements: dict[str, Any] = eqx.field(default_factory=dict)  #: springs and contacts, by kind
     loads: Loads | None = None
     speeds: Rows | None = None  #: prescribed rates
+    turns: Any = parameter((), doc="whole turns of the joints at the start, for readings")
     moves: bool = eqx.field(static=True, default=False)  #: whether motors prescribe positions
 
     @property
