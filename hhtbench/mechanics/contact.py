@@ -6,10 +6,11 @@ functions take positions (j, d), d = 2 or 3, of the centres, as ``points_on`` re
 Normal force: ``forces.force_of(gaps, hunt_crossley(...), q, v)`` with the gaps ``on_plane(...).gap`` and so on.
 With the smooth depth ``s = (sqrt(gap^2 + e^2) - gap) / 2``, which is ``-gap`` deep inside and ``e^2 / (4 gap)`` far apart:
 
-    push N = k s^n max(0, 1 + 1.5 c s'),  s' = -gap',     energy  k s^(n - 1) (s^2 / (n + 1) + e^2 / (4 (n - 1)))
+    push N = k s^n max(0, 1 + 1.5 c s'),  s' = -gap',     energy  k (s^(n + 1) / (n + 1) + e^2 s^(n - 1) / (4 (n - 1)))
 
-the energy because ``-d gap = (1 + e^2 / (4 s^2)) d s``.  It never pulls.  A body that arrives slowly with speed u leaves
-with ``u (1 - c u)``.  Friction of a sliding velocity w: ``-mu N w / sqrt(|w|^2 + w0^2)``, smooth at rest, where it creeps.
+the energy because ``-d gap = (1 + e^2 / (4 s^2)) d s``; at n = 1 its last term is ``k e^2 / 4 log(s / e)``.  It never pulls.
+A body that arrives slowly with speed u leaves with ``u (1 - c u)``.  Friction of a sliding velocity w:
+``-mu N w / sqrt(|w|^2 + w0^2)``, smooth at rest, where it creeps.
 
 Source: K. H. Hunt and F. R. E. Crossley, Coefficient of restitution interpreted as damping in vibroimpact, Journal of
 Applied Mechanics 42 (1975) 440-445, for e = 0 and without a bound at 0.  The square roots round off ``max`` and Coulomb's
@@ -79,17 +80,19 @@ def hunt_crossley(stiffness: Any, loss: Any, onset: Any, power: Any = 1.5) -> Ca
     """Return the law of contact for ``forces.force_of``: the tension (j,) [N], below 0, of gaps and their rates.
 
     ``stiffness`` [N/m^power], ``loss`` c [s/m] (a slow impact at u keeps ``1 - c u`` of its speed), ``onset`` of
-    :func:`depth` [m]; ``power``, above 1, is 1.5 for Hertz's contact.
+    :func:`depth` [m]; ``power``, at least 1, is 1.5 for Hertz's contact.
     """
     bound = jnp.asarray(1.5 * jnp.asarray(loss))
     return lambda gap, rate: -jnp.asarray(stiffness) * depth(gap, onset) ** power * jnp.maximum(1 - bound * rate, 0.0)
 
 
 def contact_energy(gap: Array, stiffness: Any, onset: Any, power: Any = 1.5) -> Array:
-    """Energy [J] of all contacts with gaps ``gap`` (j,): that of :func:`hunt_crossley` without loss, above power 1."""
+    """Energy [J] of all contacts with gaps ``gap`` (j,): that of :func:`hunt_crossley` without loss, up to a constant."""
     s = depth(gap, onset)
-    shape = s**2 / (power + 1) + jnp.asarray(onset) ** 2 / (4 * (power - 1))
-    return jnp.sum(jnp.asarray(stiffness) * s ** (power - 1) * shape)
+    linear = jnp.asarray(power) == 1.0
+    more = jnp.where(linear, 1.0, power - 1.0)
+    tail = jnp.where(linear, jnp.log(s / jnp.asarray(onset)), s**more / more)
+    return jnp.sum(jnp.asarray(stiffness) * (s ** (power + 1) / (power + 1) + jnp.asarray(onset) ** 2 / 4 * tail))
 
 
 def friction(push: Array, sliding: Array, coefficient: Any, creep: Any) -> Array:
@@ -108,14 +111,35 @@ def friction_force(
     ``frame`` is the module ``plane`` or ``space`` that ``q`` is laid out by.  One body serves all contacts.  ``push`` (j,)
     [N] is the normal force, ``law`` the coefficient and the creep of :func:`friction`, at ``contact.point`` on both.
     """
-    at = frame.placed_with_ground(q)
-    first, second = (jnp.broadcast_to(body, push.shape) for body in expect_pairs(first, second, len(at.x)))
-    local = [frame.in_frame(at, body, contact.point - at.x[body]) for body in (first, second)]
+    return sliding_force(frame, first, second, contact, lambda sliding: friction(push, sliding, *law), q, v)
 
-    def apart(q: Array) -> Array:  # of the material points that touch now
+
+def sliding_force(
+    frame: ModuleType, first: Any, second: Any, contact: Contact, law: Callable[[Array], Array], q: Array, v: Array
+) -> Array:
+    """Generalised force (n,) of the forces ``law(sliding)`` (j, d) [N] on ``first`` at ``contact.point``.
+
+    ``sliding`` (j, d) [m/s] is the velocity of ``first`` against ``second`` there, along the surface; otherwise as
+    :func:`friction_force`.
+    """
+    apart = distances_of_material(frame, first, second, contact.point, q)
+    _, rate = jax.jvp(apart, (q,), (v,))
+    sliding = rate - jnp.sum(rate * contact.normal, axis=-1, keepdims=True) * contact.normal
+    return force_at(apart, law(sliding), q)
+
+
+def distances_of_material(frame: ModuleType, first: Any, second: Any, point: Array, q: Array) -> Callable[[Array], Array]:
+    """Function of q: vectors (j, d) [m] from material points of ``second`` to those of ``first``.
+
+    The material points are at ``point`` (j, d) at the given ``q``, where the vectors are zero; their rate is the velocity of
+    one body against the other there.
+    """
+    at = frame.placed_with_ground(q)
+    first, second = (jnp.broadcast_to(body, point.shape[:1]) for body in expect_pairs(first, second, len(at.x)))
+    local = [frame.in_frame(at, body, point - at.x[body]) for body in (first, second)]
+
+    def apart(q: Array) -> Array:
         at = frame.placed_with_ground(q)
         return frame.points_on(at, first, local[0]) - frame.points_on(at, second, local[1])
 
-    _, rate = jax.jvp(apart, (q,), (v,))
-    sliding = rate - jnp.sum(rate * contact.normal, axis=-1, keepdims=True) * contact.normal
-    return force_at(apart, friction(push, sliding, *law), q)
+    return apart

@@ -294,6 +294,9 @@ BAD = {
     "'A': radius must be above 0": lambda m: m.rolling("A", "door", -1.0, (0, 0, 1), point=(0, 0, 0), normal=Z),
     "'A': onset must be above 0": lambda m: m.contact("A", "door", "ground", (0, 0, 0), 1.0, point=Z, normal=Z, onset=0.0),
     "axes of bushing 'A' must be": lambda m: m.bushing("A", "ground", "door", (0, 0, 0), 1.0, axes=np.ones((3, 3))),
+    "'A': axis is along normal": lambda m: m.tyre(
+        "A", "door", "ground", (0, 0, 1), 1.0, 1e5, axis=Z, point=(0, 0, 0), normal=Z, grip=(1, 1, 1, 1), onset=1e-3
+    ),
     "load 'A': force must be 3": lambda m: m.load("A", "door", force=(1, 2)),
     "contact 'A': give either": lambda m: m.contact("A", "door", "ground", (0, 0, 0), 1.0, onset=1e-3),
 }

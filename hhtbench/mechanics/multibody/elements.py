@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.mechanics import contact, forces
+from hhtbench.mechanics import contact, forces, tyres
 from hhtbench.mechanics.bushings import rotation_vector
 from hhtbench.mechanics.multibody.frames import Placed
 from hhtbench.mechanics.multibody.rows import Law, Rows, angles, lengths
@@ -49,7 +49,7 @@ class Contacts(eqx.Module):
     loss: Any = parameter(doc="(j,) [s/m]")
     onset: Any = parameter(doc="(j,) [m]")
     power: Any = parameter(doc="(j,)")
-    rub: Any = parameter(doc="friction coefficient and creep (j, 2) [1, m/s]")
+    rub: Any = parameter(doc="law along the surface: friction coefficient and creep (j, 2) [1, m/s]")
     balls: bool = eqx.field(static=True, default=False)
     rubs: bool = eqx.field(static=True, default=False)
 
@@ -71,11 +71,32 @@ class Contacts(eqx.Module):
 
     def friction(self, frame: Any, q: Array, v: Array) -> Array:
         """Generalised force (n,) of friction."""
+        touching, push, pairs = self._pressed(frame, q, v)
+        return contact.friction_force(frame.module, *pairs, touching, push, (self.rub[:, 0], self.rub[:, 1]), q, v)
+
+    def _pressed(self, frame: Any, q: Array, v: Array) -> tuple[contact.Contact, Array, tuple[Any, Any]]:
+        """Contacts, their normal forces (j,) [N] and their bodies."""
         gap, rate = forces.rates(lambda y: self.touching(frame.placed(y)).gap, q, v)
-        touching, push = self.touching(frame.placed(q)), -self.law(gap, rate)
-        pairs = np.array(self.rows.first), np.array(self.rows.second)
-        law = self.rub[:, 0], self.rub[:, 1]
-        return contact.friction_force(frame.module, *pairs, touching, push, law, q, v)
+        return self.touching(frame.placed(q)), -self.law(gap, rate), (np.array(self.rows.first), np.array(self.rows.second))
+
+
+class Tyres(Contacts):
+    """j tyres: wheels of the first bodies, with axles ``u``, on planes of the second; ``rub`` is (j, 4), their grip."""
+
+    def touching(self, at: Placed) -> contact.Contact:
+        """Gaps, normals and points."""
+        centre, origin = self.rows.points(at)
+        normal = at.along(self.rows.second, self.rows.w)
+        if at.angle is not None:
+            return contact.on_plane(centre, self.radius, origin, normal)
+        return tyres.wheel_on_plane(centre, self.radius, at.along(self.rows.first, self.rows.u), origin, normal)
+
+    def friction(self, frame: Any, q: Array, v: Array) -> Array:
+        """Generalised force (n,) along the roads."""
+        at, (touching, push, pairs) = frame.placed(q), self._pressed(frame, q, v)
+        axis = None if at.angle is not None else at.along(self.rows.first, self.rows.u)
+        ahead, (centre, _) = tyres.rolling_directions(axis, touching.normal), self.rows.points(at)
+        return tyres.tyre_force(frame.module, *pairs, centre, touching, push, ahead, self.rub, q, v)
 
 
 class Loads(eqx.Module):
@@ -136,4 +157,5 @@ MEASURES: dict[str, Callable[[Placed, Any], Array]] = {
     "bushing": offsets,
     "contact": lambda at, contacts: contacts.touching(at).gap,
     "ball": lambda at, contacts: contacts.touching(at).gap,
+    "tyre": lambda at, tyres: tyres.touching(at).gap,
 }

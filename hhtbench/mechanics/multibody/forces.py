@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.mechanics.multibody.joints import Joints
-from hhtbench.mechanics.multibody.parts import GROUND, Row, unit
+from hhtbench.mechanics.multibody.parts import GROUND, RIGHT, Row, unit
 from hhtbench.mechanics.multibody.rows import Law
 from hhtbench.protocol.errors import ProblemError
 
@@ -139,6 +139,51 @@ class Forces(Joints):
             return self._element("ball", name, first, second, a=a, b=self._vector("centre", centre), **more)
         up = unit(f"normal of contact {name!r}", normal, self.dimension)
         return self._element("contact", name, first, second, a=a, b=self._vector("point", point), w=up, **more)
+
+    def tyre(
+        self,
+        name: str,
+        wheel: str,
+        road: str,
+        at: Any,
+        radius: float,
+        stiffness: float,
+        *,
+        axis: Any = None,
+        point: Any,
+        normal: Any,
+        grip: tuple[float, float, float, float],
+        loss: float = 0.0,
+        onset: float,
+        power: float = 1.0,
+    ) -> str:
+        """Tyre of a thin wheel on a plane of the road: a normal force, and forces by slip along and across.
+
+        Parameters
+        ----------
+        at, radius, axis
+            Centre (d,) and radius [m] of the wheel, in space its axle (3,); it rolls along ``axis x normal``.
+        point, normal
+            Of the road, (d,) [m] and outward.
+        stiffness, power, loss, onset
+            Of the normal force, as in :meth:`contact`.
+        grip
+            Coefficient of friction; stiffness along and across per unit of slip and of load; the speed [m/s] below which the
+            wheel counts as standing: see ``tyres.slip_force``.
+        """
+        given: dict[str, Any] = {"radius": radius, "stiffness": stiffness, "onset": onset}
+        if np.shape(grip) != (4,):
+            raise ProblemError(f"grip of tyre {name!r} must be 4 numbers; got {grip}.")
+        self._expect_numbers(name, 0.0, **given, grip=grip)
+        self._expect_numbers(name, loss=loss, power=power)
+        up, axle = unit(f"normal of tyre {name!r}", normal, self.dimension), None
+        if not self.plane:
+            axle = unit(f"axis of tyre {name!r}", axis, 3)
+            if abs(axle @ up) > 1 - RIGHT:
+                raise ProblemError(f"tyre {name!r}: axis is along normal, the wheel lies flat.")
+        more = given | {"other": 0.0, "loss": loss, "power": power, "rub": np.asarray(grip, float)}
+        a, b = self._vector("at", at), self._vector("point", point)
+        return self._element("tyre", name, wheel, road, a=a, b=b, u=axle, w=up, **more)
 
     def load(
         self, name: str, body: str, at: Any = None, *, force: Any = None, torque: Any = None, follows: bool = False

@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench.mechanics.lines import chain
 from hhtbench.mechanics.multibody import assembly
-from hhtbench.mechanics.multibody.elements import Contacts, Loads, Springs
+from hhtbench.mechanics.multibody.elements import MEASURES, Contacts, Loads, Springs, Tyres
 from hhtbench.mechanics.multibody.forces import Forces, column
 from hhtbench.mechanics.multibody.parts import GROUND
 from hhtbench.mechanics.multibody.readings import BodyReading, ElementReading, JointReading, tabulated
@@ -52,9 +52,7 @@ class Mechanism(Forces):
             gravity=self.gravity,
             flat=self.plane,
             joints={name: self._family(name) for name in FAMILIES if name in given},
-            elements={
-                kind: self._elements(kind) for kind in ("spring", "torsion", "bushing", "contact", "ball") if kind in given
-            },
+            elements={kind: self._elements(kind) for kind in MEASURES if kind in given},
             loads=self._loads() if "load" in given else None,
             speeds=self.rows_of("speed") if "speed" in given else None,
             turns=[joint.turns for joint in self.joints.values()],
@@ -87,15 +85,14 @@ class Mechanism(Forces):
 
     def _elements(self, kind: str) -> Any:
         rows, made = self.rows[kind], self.rows_of(kind)
-        if kind in ("contact", "ball"):
+        if kind in ("contact", "ball", "tyre"):
             names = "radius", "other", "stiffness", "loss", "onset", "power", "rub"
-            rub = column(rows, "rub")
-            return Contacts(
-                made, **{name: column(rows, name) for name in names}, balls=kind == "ball", rubs=bool(rub[:, 0].any())
-            )
+            values = {name: column(rows, name) for name in names}
+            made_of = Tyres if kind == "tyre" else Contacts
+            return made_of(made, **values, balls=kind == "ball", rubs=bool(values["rub"][:, 0].any()))
         axes = column(rows, "axes") if kind == "bushing" else 0.0
-        values = {name: column(rows, name).ravel() for name in ("stiffness", "damping", "free")}
-        return Springs(rows=made, axes=axes, **values)
+        springs = {name: column(rows, name).ravel() for name in ("stiffness", "damping", "free")}
+        return Springs(rows=made, axes=axes, **springs)
 
     def _loads(self) -> Loads:
         rows = self.rows["load"]
@@ -151,7 +148,7 @@ class Mechanism(Forces):
         return assembly.mobility(self)
 
     def of(self, solution: Any, name: str) -> Any:
-        """What ``solution`` tells of a joint, motor, body, spring, bushing or contact: forces, angles, poses, energies."""
+        """What ``solution`` tells of a joint, motor, body, spring, bushing, contact or tyre: forces, poses, energies."""
         if name in self.joints:
             return JointReading(self, solution, self.joints[name])
         if name in self.bodies:
