@@ -14,7 +14,8 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.conformance.scenes.linkages import DoublePendulum
-from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprints
+from hhtbench.lowering.compile.fingerprint import fingerprints
+from hhtbench.lowering.contents import NoContents
 from hhtbench.protocol.system import NumpySystem, System, parameter
 from hhtbench.solution.result import Status
 from solvers.hht import HHT, Event
@@ -168,7 +169,7 @@ def test_a_fingerprint_is_that_of_the_values_in_every_process():
 def test_what_hides_its_numbers_has_no_fingerprint():
     """Two functions, or two objects, may have one text and do different things."""
     for shape in (lambda: 0, object(), ((lambda: 0),), {"a": np.array([object()])}, Pendulum(shape=str)):
-        with pytest.raises(NoFingerprint):
+        with pytest.raises(NoContents):
             fingerprints(Pendulum(shape=shape))
 
 

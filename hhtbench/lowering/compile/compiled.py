@@ -10,11 +10,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.lowering.caching import use_disk_cache
 from hhtbench.lowering.compile.routes import MAX_COMPILED, TRACED_AS_VALUE, Route, explain_control_flow, too_large
 from hhtbench.lowering.flattening import flat_function, jitted
 from hhtbench.lowering.scalar_compiler import NotNative, native, native_call
 from hhtbench.lowering.scalar_compiler.lower import Shapes
+from hhtbench.runtime.disk_cache import use_disk_cache
 from hhtbench.solution.counting import preparing
 
 SMALL = "the system is small and every operation is known"

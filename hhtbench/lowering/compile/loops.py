@@ -20,8 +20,8 @@ from typing import Annotated, Any, cast
 
 import numpy as np
 
-from hhtbench.lowering.caching import kept_on_disk
 from hhtbench.lowering.scalar_compiler.machine import from_bitcode, host, load
+from hhtbench.runtime.disk_cache import kept_on_disk
 from hhtbench.solution.counting import preparing
 
 # Annotations of an entry's arguments: contiguous arrays, in addition to int, float, bool and tuples.

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.lowering.caching import kept_on_disk
 from hhtbench.lowering.scalar_compiler.compiler import Native
 from hhtbench.lowering.scalar_compiler.machine import generate, host, load
+from hhtbench.runtime.disk_cache import kept_on_disk
 
 ENTRY = "hhtbench_at_rows"
 # The loop does not depend on the function: it finds its address, and those of the arrays with their strides, in a block.

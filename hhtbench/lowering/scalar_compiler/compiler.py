@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import pickle
 import threading
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import contextmanager
@@ -11,13 +12,15 @@ from typing import Any, Concatenate
 
 import numpy as np
 
-from hhtbench.lowering.caching import Cache, kept_on_disk
+from hhtbench.lowering.caching import Cache
+from hhtbench.lowering.contents import lasting_key
 from hhtbench.lowering.flattening import Flat, Tree, flat_function, jitted
 from hhtbench.lowering.scalar_compiler.dependencies import needed, pattern
 from hhtbench.lowering.scalar_compiler.emit import CALL, ENTRY, Emitted, emit
 from hhtbench.lowering.scalar_compiler.lower import Lowered, Shapes, lower, pattern_of, staged
 from hhtbench.lowering.scalar_compiler.machine import caller, generate, host, load
 from hhtbench.lowering.scalar_compiler.store import CALLS, CODES, ZERO, Ids, NotNative, TooLarge
+from hhtbench.runtime.disk_cache import kept_on_disk
 from hhtbench.solution.counting import preparing
 
 FORMAT = 4  # version of the generation of object code; part of the name of its file
@@ -82,11 +85,16 @@ def native(
     folded = pattern_of(parameters)
     key = flat.key, folded.tobytes(), shapes
 
+    def generated() -> bytes:
+        with _uncollected():  # the graph of the last function is remembered, for its other stage
+            whole = _last.find(key, lambda: lower(flat.name, jitted(flat), folded, shapes, MOST_OPERATIONS))
+            return pickle.dumps(_compiled(flat.name, staged(whole, stage, rows), compact))
+
     def make() -> Native | NotNative:
-        try:  # the graph of the last function is remembered, for its other stage
-            with _uncollected():
-                whole = _last.find(key, lambda: lower(flat.name, jitted(flat), folded, shapes, MOST_OPERATIONS))
-                return _compiled(flat.name, staged(whole, stage, rows), compact)
+        what = function, tree, static, *key[1:], compact, stage, rows, FORMAT, host(), IN_LOOPS, MOST_OPERATIONS
+        lasting = lasting_key(*what)
+        try:
+            return _loaded(*pickle.loads(generated() if lasting is None else kept_on_disk(lasting, "function", generated)))
         except NotNative as error:
             return error
 
@@ -162,8 +170,8 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
-    """Machine code of a graph, without the values of its parameters."""
+def _compiled(name: str, lowered: Lowered, compact: bool) -> tuple[Any, ...]:
+    """Object code of a graph, and all that :class:`Native` says of it but addresses and parameters."""
     graph = lowered.graph
     known, constants = graph.column("code")[lowered.outputs] == CODES["constant"], np.zeros(lowered.outputs.size)
     constants[known] = graph.column("values")[graph.column("x")[lowered.outputs[known]]]
@@ -180,8 +188,13 @@ def _compiled(name: str, lowered: Lowered, compact: bool) -> Native:
         raise TooLarge(f"{emitted.operations} scalar operations, more than {MOST_OPERATIONS}")
     content = "\0".join((str(FORMAT), host(), emitted.text, emitted.helpers))
     code = kept_on_disk(content.encode(), "code", lambda: _generated(name, emitted))
+    return code, lowered.shape, varying, constants, emitted.operations
+
+
+def _loaded(code: bytes, *more: Any) -> Native:
+    """Machine code from what :func:`_compiled` gives, without the values of its parameters."""
     entry, call = load(code, ENTRY, CALL)
-    return Native(entry, call, np.zeros(0), lowered.shape, varying, constants, emitted.operations)
+    return Native(entry, call, np.zeros(0), *more)
 
 
 def _generated(name: str, emitted: Emitted) -> bytes:

@@ -20,6 +20,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hhtbench.mechanics.multibody.readings import along, moves
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.runtime.disk_cache import use_disk_cache
 
 ITERATIONS = 50
 CLOSED = 1e-12  # largest residual of joints that hold [m, rad], over the size of the mechanism
@@ -58,6 +59,7 @@ class _Local(NamedTuple):
 
 
 def _local(system: Any, t: float, q: Any, v: Any) -> Any:
+    use_disk_cache()
     found = _compiled(system, *(jnp.asarray(x, float) for x in (t, q, v)))
     return _Local(*(None if one is None else np.asarray(one) for one in found))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -36,6 +37,11 @@ class Placed(NamedTuple):
         """Coordinates (j, d) in the frames of the bodies numbered ``bodies`` of the points ``place`` (j, d) [m] in space."""
         numbers = np.array(bodies)
         return jnp.einsum("jba,jb->ja", self.R[numbers], place - self.x[numbers])
+
+
+@jax.jit
+def _quaternion_rates(q: Any, rate: Any) -> Array:
+    return space.quaternion_rate(space.split(q)[1], rate)
 
 
 class Space:
@@ -69,7 +75,7 @@ class Space:
     @staticmethod
     def velocities(q: Any, velocity: Any, rate: Any) -> Any:
         """Velocities (7 k,) from those of the centres (k, 3) and angular velocities ``rate`` (k, 3) in space."""
-        turning = space.quaternion_rate(space.split(jnp.asarray(q))[1], np.asarray(rate))
+        turning = _quaternion_rates(np.asarray(q), np.asarray(rate))
         return np.concatenate([np.asarray(velocity), np.asarray(turning)], axis=1).ravel()
 
     @staticmethod

@@ -17,7 +17,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from hhtbench.lowering.compile.fingerprint import NoFingerprint, fingerprints
+from hhtbench.lowering.compile.fingerprint import fingerprints
+from hhtbench.lowering.contents import NoContents
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.result import Counters
@@ -56,7 +57,7 @@ def named(system: System | NumpySystem) -> tuple[dict[str, str], str]:
     """Fingerprints of the system's fields by name; if it has none, an empty dict and the reason."""
     try:
         return fingerprints(system), ""
-    except NoFingerprint as error:
+    except NoContents as error:
         return {}, str(error)
 
 

@@ -1,0 +1,95 @@
+"""Contents of values as bytes that are equal in every process."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import sys
+from collections.abc import Iterator
+from functools import cache
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+
+PACKAGES = "hhtbench", "solvers", "problems"  # whose sources are part of a key
+LIBRARIES = "jax", "jaxlib", "equinox", "numpy", "llvmlite"  # whose versions are
+
+
+class NoContents(TypeError):
+    """A value has no contents of its own, as a function; the message describes it."""
+
+
+def contents(value: Any, *, parameters: bool = True) -> Iterator[bytes]:
+    """Yield ``value`` as bytes: type and size of everything before its contents.
+
+    Without ``parameters`` only shape and type of arrays of floating-point numbers, and functions and objects of our own
+    packages, by their names.
+
+    Raises
+    ------
+    NoContents
+        It holds a function or another object.
+    """
+    own = not parameters
+    yield type(value).__qualname__.encode()
+    if value is None or type(value) in (bool, int, float, complex, str, bytes):
+        yield repr(value).encode()
+    elif isinstance(value, jax.Array | np.ndarray | np.generic) and not value.dtype.hasobject:
+        yield f"{value.dtype} {value.shape}".encode()
+        if parameters or not eqx.is_inexact_array(value):
+            yield np.asarray(value).tobytes()
+    elif isinstance(value, tuple | list | dict | eqx.Module) or (own and dataclasses.is_dataclass(value)):
+        inner: Any = value
+        if not isinstance(value, tuple | list | dict):
+            if own:
+                yield _ours(type(value))
+            inner = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}
+        inner = [part for item in inner.items() for part in item] if isinstance(inner, dict) else inner
+        yield b"%d" % len(inner)
+        for part in inner:
+            yield from contents(part, parameters=parameters)
+    elif own and isinstance(value, FunctionType):
+        yield _ours(value)
+    else:
+        raise NoContents(f"holds a {type(value).__name__}")
+
+
+def _ours(defined: Any) -> bytes:
+    """Name of a class or function at the top of a module of our packages."""
+    module, name = defined.__module__, defined.__qualname__
+    if module.partition(".")[0] not in PACKAGES or "<" in name:
+        raise NoContents(f"holds {module}.{name}")
+    return f"{module}.{name}".encode()
+
+
+def lasting_key(*values: Any) -> bytes | None:
+    """Key of computations that is equal in every process, apart from parameters; None if code of others takes part.
+
+    It holds the versions of all libraries and of our own sources.
+    """
+    digest = hashlib.sha256(_sources())
+    try:
+        for part in contents(values, parameters=False):
+            digest.update(b"%d " % len(part) + part)
+    except NoContents:
+        return None
+    return digest.digest()
+
+
+@cache
+def _sources() -> bytes:
+    """Versions of Python and the libraries; places, sizes and times of our own sources."""
+    found = [sys.version, *(version(name) for name in LIBRARIES)]
+    for name in PACKAGES:
+        spec = find_spec(name)
+        for folder in (spec and spec.submodule_search_locations) or ():
+            for file in sorted(Path(folder).rglob("*.py")):
+                state = file.stat()
+                found.append(f"{file} {state.st_size} {state.st_mtime_ns}")
+    return "\0".join(found).encode()
