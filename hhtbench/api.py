@@ -44,8 +44,8 @@ def solve(
         settings until they show that it is met (:func:`hhtbench.checks.accuracy.solve_to`).  None: one run with the
         requested tolerances or steps.
     events
-        :class:`hhtbench.Event` or callables ``(t, q, v)``, one or a list, for solvers that have events (HHT and the solvers
-        that share its loop; others decline).
+        :class:`hhtbench.Event` or callables ``(t, q, v)``, one or a list.  HHT and the solvers that share its loop have
+        their own; for others they are found between the ends of their steps.
     t_span, q0, v0
         Replace the problem's interval or start; its reference and closed solution are then not used.
     request
@@ -74,12 +74,7 @@ def solve(
     if asked.t_eval is not None:
         check_output_times(asked.t_eval, *loaded.t_span)
     if events is not None:
-        if not hasattr(chosen, "with_events"):
-            return _nothing(loaded, Status.declined, f"{chosen.name} has no events; hht has.")
-        from hhtbench.protocol.wrong_use import require_events
-
-        require_events(events)
-        chosen = chosen.with_events(events)
+        chosen = _with_events(chosen, events)
     with handed_over(clock):
         try:
             if accuracy is not None:
@@ -94,6 +89,17 @@ def solve(
         return found
     said = str(found.message or "").rstrip(".")  # a plugin's may be None
     return found.but(message=f"{said}. {note}" if said else note)
+
+
+def _with_events(solver: Solver, events: Any) -> Solver:
+    """The solver with its own events, or with those found between its steps."""
+    from hhtbench.catalogue.plugins import load
+    from hhtbench.protocol.wrong_use import require_events
+
+    require_events(events)
+    own: Any = getattr(solver, "with_events", None) or partial(load("name", "with_events"), solver)
+    made: Solver = own(events)
+    return made
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:

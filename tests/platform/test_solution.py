@@ -137,12 +137,6 @@ def test_a_notebook_shows_a_table_and_names_of_others_are_text(swing):
     assert "residual_evaluations" in swing._repr_html_()
 
 
-def test_a_solver_without_events_declines_them():
-    declined = hb.solve("simple_pendulum", "ida", rtol=1e-4, events=[lambda t, q, v: q[0]])
-    assert declined.status is Status.declined
-    assert "has no events; hht has" in declined.message
-
-
 def test_another_interval_and_start_leave_behind_what_is_known_of_the_problems_own():
     problem = hb.load_problem("simple_pendulum")
     assert problem.starting() is problem

@@ -201,7 +201,8 @@ class EventFunctions:
         self._known = []  # per function: itself, values it refers to, machine code, address of the callback
         for event in self.events:
             seen, called = seen_by(event.function), callbacks.entry(partial(number_of, event), 1, ((), (n,), (n,)))
-            self._known.append((event.function, seen, _compiled(functions, event, seen, n), called))
+            code = None if functions.in_python else code_of(event, functions.dynamics, n)
+            self._known.append((event.function, seen, code, called))
 
     def codes(self) -> list[int]:
         """Addresses of all functions and of their parameters, in pairs."""
@@ -216,11 +217,13 @@ class EventFunctions:
         integer_view(z, SAMPLES)[:] = [event.samples for event in self.events]
 
 
-def _compiled(functions: Any, event: Event, seen: Any, n: int) -> Native | None:
-    if seen is None or functions.in_python:
+def code_of(event: Event, dynamics: Dynamics, n: int) -> Native | None:
+    """Machine code of an event function of n coordinates; None if it cannot be, or refers to what could change."""
+    seen = seen_by(event.function)
+    if seen is None:
         return None
     try:
-        return native(event_value, functions.dynamics, event.function, seen, shapes=((), (n,), (n,)))
+        return native(event_value, dynamics, event.function, seen, shapes=((), (n,), (n,)))
     except BudgetSpent:
         raise
     except Exception:  # noqa: BLE001 - a function for numbers may raise anything when it meets a tracer

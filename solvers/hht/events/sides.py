@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector
 from hhtbench.solution.counting import Work
 from solvers.hht.events.event import Event, value_of
-from solvers.hht.step.state import State
 from solvers.kernel.numbers import EPS
 
 BESIDE = 1e-300  # value stored for a function at its zero, with the sign of the motion's side
@@ -19,6 +19,23 @@ NUDGE = EPS ** (1 / 3)  # increment over the step that balances roundoff and tru
 MIN_SCALE = 1e-4  # lower bound on the step over which rates are taken, over the time size_q / size_v
 ROUNDOFFS = 32.0  # roundoffs of t, q and v within which a located event is from its zero
 SHIFT = 2.0**-26  # perturbation relative to q and v that shows the effect of their roundoff on a function
+
+
+class Moving(Protocol):
+    """A state of a motion: of HHT, or between the steps of another solver."""
+
+    @property
+    def t(self) -> float: ...  # noqa: D102 - [s]
+    @property
+    def q(self) -> Vector: ...  # noqa: D102 - (n,)
+    @property
+    def v(self) -> Vector: ...  # noqa: D102 - (n,)
+    @property
+    def vdot(self) -> Vector: ...  # noqa: D102 - (n,) acceleration
+    @property
+    def size_q(self) -> float: ...  # noqa: D102 - largest |q| seen
+    @property
+    def size_v(self) -> float: ...  # noqa: D102 - largest |v| seen
 
 
 @dataclass(frozen=True)
@@ -38,7 +55,7 @@ class Local:
         return float(np.sign(self.rate)) if abs(self.rate) > self.unsure else 0.0
 
 
-def starting_values(events: Sequence[Event], state: State, h: float, work: Work) -> Vector:
+def starting_values(events: Sequence[Event], state: Moving, h: float, work: Work) -> Vector:
     """(2k,) values at a start before a first step of ``h`` [s], then roundoff of those at a zero.
 
     A motion that begins on a zero has an event there only if that has a change and a direction in which the motion sets out.
@@ -46,8 +63,8 @@ def starting_values(events: Sequence[Event], state: State, h: float, work: Work)
     return _paired([_at_start(event, state, h, work) for event in events])
 
 
-def _at_start(event: Event, state: State, h: float, work: Work) -> tuple[float, float]:
-    here = _local(event, state, h, work)
+def _at_start(event: Event, state: Moving, h: float, work: Work) -> tuple[float, float]:
+    here = local_at(event, state, h, work)
     if abs(here.value) > max(ZERO * here.change, here.roundoff):
         return here.value, 0.0
     held = event.change is not None and event.direction
@@ -55,7 +72,7 @@ def _at_start(event: Event, state: State, h: float, work: Work) -> tuple[float, 
 
 
 def changed_values(
-    events: Sequence[Event], sides: Sequence[int], values: Vector, state: State, h: float, work: Work
+    events: Sequence[Event], sides: Sequence[int], values: Vector, state: Moving, h: float, work: Work
 ) -> Vector:
     """(2k,) values in ``state`` after changes at the end of a step that had led to ``values`` (2k,).
 
@@ -66,16 +83,16 @@ def changed_values(
 
 
 def _after(
-    event: Event, side: int, before: float, roundoff: float, state: State, h: float, work: Work
+    event: Event, side: int, before: float, roundoff: float, state: Moving, h: float, work: Work
 ) -> tuple[float, float]:
-    here = _local(event, state, h, work)
+    here = local_at(event, state, h, work)
     if abs(here.value) > max(here.near, roundoff):
         return here.value, 0.0
     roundoff = max(here.roundoff, roundoff, abs(here.value), BESIDE)
     return (side or float(np.sign(before))) * BESIDE, roundoff
 
 
-def side_after(event: Event, before: int, state: State, h: float, work: Work) -> int:
+def side_after(event: Event, before: int, state: Moving, h: float, work: Work) -> int:
     """Side of zero (-1 or 1) of the motion after the event's own change; ``before``: the side before it.
 
     A change that reverses or stops the function leaves the motion on its side; any other lets it pass.
@@ -83,12 +100,13 @@ def side_after(event: Event, before: int, state: State, h: float, work: Work) ->
     return -before if is_leaving(event, -before, state, h, work) else before
 
 
-def is_leaving(event: Event, side: int, state: State, h: float, work: Work) -> bool:
+def is_leaving(event: Event, side: int, state: Moving, h: float, work: Work) -> bool:
     """True if the motion leaves ``state`` towards that ``side`` of the zero."""
-    return _local(event, state, h, work).side == side
+    return local_at(event, state, h, work).side == side
 
 
-def _local(event: Event, state: State, h: float, work: Work) -> Local:
+def local_at(event: Event, state: Moving, h: float, work: Work) -> Local:
+    """The event function at ``state``, and its change along the motion over ``h`` [s]."""
     t, q, v, a = state.t, state.q, state.v, state.vdot
     passing = state.size_q / state.size_v if state.size_v else 0.0
     d = NUDGE * float(np.copysign(max(abs(h), MIN_SCALE * passing), h))

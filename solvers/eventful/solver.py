@@ -1,0 +1,53 @@
+"""A solver with events: runs of the solver itself, ended where an event stops them or changes the state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from hhtbench.protocol.system import Problem, Solver
+from hhtbench.solution.request import Request
+from hhtbench.solution.result import Solution
+from solvers.eventful.run import Run
+from solvers.hht.events.event import Event, make_events
+
+
+@dataclass(frozen=True)
+class WithEvents:
+    """``solver`` with ``events``.
+
+    The solver runs as without events, at its own tolerance.  A quintic between the ends of its steps shows where an event
+    function changes its sign; the solver then goes from the start of that step to the event, so that its own error is in
+    the event's time.  After a change of state it starts again.
+    """
+
+    solver: Any
+    events: tuple[Event, ...]
+
+    @classmethod
+    def of(cls, solver: Solver, events: Any) -> WithEvents:
+        """The solver with events as the user gives them: one or a list, :class:`hhtbench.Event` or callables."""
+        return cls(solver, make_events(events))
+
+    @property
+    def name(self) -> str:
+        """Name of the solver."""
+        return str(self.solver.name)
+
+    @property
+    def heeds_tolerances(self) -> bool:
+        """True if the solver controls its error by the tolerances."""
+        return bool(getattr(self.solver, "heeds_tolerances", False))
+
+    def accepts(self, problem: Problem, request: Request) -> str | None:
+        """Reason why the solver cannot take the problem or request, or None."""
+        if request.fixed:
+            return f"{self.name} takes events with tolerances only: give rtol, or take hht"
+        if request.dense_output:
+            return f"{self.name} has no dense output with events: give t_eval, or take hht"
+        reason: str | None = self.solver.accepts(problem, request)
+        return reason
+
+    def solve(self, problem: Problem, request: Request) -> Solution:
+        """Integrate ``problem``."""
+        return Run(self.solver, self.events, problem, request).solution()
