@@ -64,7 +64,8 @@ def _factors(choices: Sequence[Choice], method: str) -> str:
         return f"{basis}, no other reaches it there"
     low, high = (_number(edge) for edge in (min(ratios), max(ratios)))
     factor = low if low == high else f"{low} to {high}"
-    return f"{basis}, other kinds of methods cost {factor} times as much where they reach it"
+    text = f"{basis}, other kinds of methods cost {factor} times as much where they reach it"
+    return f"{text}, on fewer problems" if min(ratios) < 1.0 else text
 
 
 def _number(factor: float) -> str:

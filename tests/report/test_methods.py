@@ -29,6 +29,13 @@ def test_the_first_sentences_say_for_which_scenes_to_take_which_kind_of_method()
     assert third == "No row has BDF or Radau as the cheapest."
 
 
+def test_a_rival_that_is_cheaper_where_it_gets_is_said_to_reach_fewer_problems():
+    rows = [*law("hht", 1000.0, 2), *law("hht", 1000.0, 2, problem="andrews"), *law("ida(form=ggl)", 400.0, 2)]
+    kinds = {KIND: ("pendulum", "andrews")}
+    first, *_ = recommendations(choices_of(rows, kinds, WHOLE), WHOLE.level, ())
+    assert first.endswith("other kinds of methods cost 0.4 times as much where they reach it, on fewer problems).")
+
+
 @pytest.mark.parametrize(
     ("entry", "method"),
     [
