@@ -97,7 +97,10 @@ def _with_events(solver: Solver, events: Any) -> Solver:
     from hhtbench.protocol.wrong_use import require_events
 
     require_events(events)
-    own: Any = getattr(solver, "with_events", None) or partial(load("name", "with_events"), solver)
+    listed = events if isinstance(events, list | tuple) else [events]
+    sampled = any(getattr(event, "period", 0.0) for event in listed)
+    own: Any = None if sampled else getattr(solver, "with_events", None)
+    own = own or partial(load("name", "with_events"), solver)
     made: Solver = own(events)
     return made
 

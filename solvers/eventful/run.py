@@ -18,6 +18,7 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Work
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution, Status
+from solvers._initcond import consistent_start
 from solvers._start import Failure, PhasePoint, budget_failure, dynamics_for, of_dynamics
 from solvers.eventful.changes import PILED_UP, Changes
 from solvers.eventful.locate import located
@@ -44,6 +45,7 @@ class Run:
         self.pieces: list[tuple[Point, float]] = []  #: motions without changes: start and end [s]
         self.occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in events)
         self.known: Vector | None = None  #: (2k,) event functions, then roundoff of those at a zero
+        self.samples = {i: 0 for i, event in enumerate(events) if event.period}  #: numbers of their next samples
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the solver warns of the same
             self.dynamics = dynamics_for(problem.system, PhasePoint(t, problem.q0, problem.v0))
@@ -83,8 +85,11 @@ class Run:
     def _advance(self) -> Failure | None:
         """Run the solver once, up to the first event that stops it; a Failure if the solve ends there."""
         t = self.point.t
+        if due := [i for i in self.samples if abs(self._sample_time(i) - t) <= _resolved(t)]:
+            return self._sampled(due)
         whole = abs(self.end - t) <= LONGER * self.length
-        part = self._solve(self.point, self.end if whole else t + self.ahead * self.length)
+        stops = [self.end if whole else t + self.ahead * self.length, *map(self._sample_time, self.samples)]
+        part = self._solve(self.point, min(stops) if self.ahead > 0 else max(stops))
         if not part.t.size:
             return Failure(part.status, part.message)
         one = self._point(part, 0)
@@ -114,18 +119,45 @@ class Run:
     def _stopped(self, place: Point, found: list[Crossing], h: float) -> Failure | None:
         """End the motion at ``place`` by the events ``found`` there; a Failure unless it goes on after a change."""
         begun = self.pieces[-1][0]
-        resolved = TOGETHER * float(np.spacing(abs(place.t)))
-        if abs(place.t - begun.t) > resolved:
+        if abs(place.t - begun.t) > _resolved(place.t):
             self._add_row(place)
             self.changes.made = []
         elif self.changes.pile_up(found, place, h):
             names = ", ".join(repr(self.events[c.index].name) for c in found)
             return Failure(Status.time_resolution, f"changes by event {names} pile up at t = {exact(place.t)}; {PILED_UP}")
         found += self.changes.together(found, self.known, place, h)
+        self.length = max(LONGER * abs(place.t - begun.t), abs(h), SHORTEST * _resolved(place.t))
+        return self._changed(place, found, h)
+
+    def _sample_time(self, index: int) -> float:
+        """Time [s] of the next sample of a periodic event."""
+        t = self.problem.t_span[0] + self.ahead * self.samples[index] * self.events[index].period
+        return self.end if abs(t - self.end) <= _resolved(t) else t
+
+    def _sampled(self, due: list[int]) -> Failure | None:
+        """Apply the periodic events ``due`` at this time; a Failure if the solve ends there."""
+        at: Any = PhasePoint(self.point.t, self.point.q, self.point.v)
+        if self.known is None:
+            guesses = self.problem.lam_guess, self.problem.mu_guess
+            found = consistent_start(self.dynamics, at, guesses, self.work, calc_initcond=self.request.calc_initcond)
+            if isinstance(found, Failure):
+                return found
+            at = found[0]
+        h, place = self.ahead * self.length, self.changes.point(at.t, at.q, at.v, self.point.size_q, self.point.size_v)
+        self.changes.made = []
+        if self.known is None:
+            self.known = starting_values(self.events, place, h, self.work)
+            self._add_row(place)
+        for index in due:
+            self.samples[index] += 1
+        return self._changed(place, [Crossing(index, place.t, 1, (place.t, place.t)) for index in due], h)
+
+    def _changed(self, place: Point, found: list[Crossing], h: float) -> Failure | None:
+        """Go on from ``place`` after the changes by ``found``; a Failure if the solve ends there."""
         for crossing in found:
             self._noted(crossing, place)
-        self.pieces[-1] = begun, place.t
-        self.length = max(LONGER * abs(place.t - begun.t), abs(h), SHORTEST * resolved)
+        if self.pieces:
+            self.pieces[-1] = self.pieces[-1][0], place.t
         named = [repr(self.events[c.index].name) for c in found if self._ends(c.index)]
         after = self.changes.applied(found, place, h)
         if isinstance(after, Failure):
@@ -191,6 +223,8 @@ class Run:
 
     def _rows_at(self, times: Vector) -> list[Matrix]:
         """Rows at ``times`` (k,): each motion between changes is solved again with them."""
+        if not self.rows:
+            return self._rows()
         last, rows = self.rows[-1][0][-1], []
         for i, (start, end) in enumerate(self.pieces):
             closed = i == len(self.pieces) - 1
@@ -209,7 +243,12 @@ class Run:
         found = {one.name: parts(one.name) for one in fields(Counters) if one.name != "provenance"}
         if self.output and found["output_evaluations"] is not None:
             found["output_evaluations"] += _summed(self.output, "residual_evaluations") or 0
-        return Counters(**found, provenance=self.spent[0].provenance)
+        return Counters(**found, provenance=self.spent[0].provenance if self.spent else "counted")
+
+
+def _resolved(t: float) -> float:
+    """Times [s] closer than this to ``t`` are one time."""
+    return TOGETHER * float(np.spacing(abs(t)))
 
 
 def _fast(event: Event, dynamics: Dynamics) -> Event:

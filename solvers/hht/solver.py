@@ -69,6 +69,8 @@ class HHT:
         if reason := refused(system, self.options):
             raise ProblemError(f"{reason}.")
         self.events = make_events(events)
+        if any(event.period for event in self.events):
+            raise ProblemError("Event.every is for hhtbench.solve, which takes it with every solver.")
         self.engine_used = ""  #: loops, functions and linear algebra of the last run, as text
         self._integrator: IntegratorState | None = None  # where stepping by hand stands
         self._engine: Engine | None = None

@@ -16,7 +16,7 @@ import numpy as np
 from hhtbench.lowering import Dynamics, Native, native
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.derive import parameters_of
-from hhtbench.protocol.arguments import Vector, positive_integer, real_values
+from hhtbench.protocol.arguments import Vector, positive_integer, real_number, real_values
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.solution.counting import Work
 from solvers._finite import expect_finite
@@ -65,6 +65,8 @@ class Event:
         For messages; by default the function's own name.
     samples
         Points within a step at which the function is evaluated; limit the step by ``max_step`` where nothing else does.
+    period
+        Set by :meth:`every`.
     """
 
     function: Callable[..., Any]
@@ -73,6 +75,20 @@ class Event:
     change: Callable[..., Any] | None = None
     name: str = ""
     samples: int = 4
+    period: float = 0.0
+
+    @classmethod
+    def every(
+        cls, period: float, change: Callable[..., Any], *, name: str = "sample", terminal: bool | int = False
+    ) -> Event:
+        """An event at the start of the interval and every ``period`` [s] after it, as of a controller that samples.
+
+        ``change`` as of any event.  No step passes such a time; :func:`hhtbench.solve` takes it with every solver, at
+        tolerances.
+        """
+        if not real_number("the period of an event", period, unit=" [s]") > 0.0:
+            raise ProblemError(f"the period of an event must be above 0 s; got {period}.")
+        return cls(_never, change=change, name=name, terminal=terminal, period=float(period))
 
     def __post_init__(self) -> None:
         if not callable(self.function):
@@ -90,6 +106,11 @@ class Event:
     def ends(self, count: int) -> bool:
         """True if occurrence number ``count`` stops the integration."""
         return bool(self.terminal) and count >= int(self.terminal)
+
+
+def _never(t: Any, q: Any, v: Any) -> float:
+    """Event function without a zero."""
+    return 1.0
 
 
 @dataclass(frozen=True)
