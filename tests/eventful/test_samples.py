@@ -66,6 +66,13 @@ def test_samples_end_the_run_at_their_number():
     assert (found.status.label, found.t[-1]) == ("event", 3 * PERIOD)
 
 
+def test_no_sample_falls_on_the_end_of_the_interval():
+    assert 3 * 0.3 < 0.9  # by roundoff
+    problem = hb.Problem(name="held", system=Held(), t_span=(0.0, 0.9), q0=[1.0, 0.0], v0=[0.0, 0.0])
+    found = hb.solve(problem, "projected", rtol=1e-6, events=[hb.Event.every(0.3, control)])
+    assert (found.status.label, found.t_events[0].size, found.t[-1]) == ("success", 3, 0.9)
+
+
 def test_wrong_periods_loops_and_starts_are_refused():
     with pytest.raises(ProblemError, match="period of an event must be above 0"):
         hb.Event.every(0.0, control)
