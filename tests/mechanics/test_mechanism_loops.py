@@ -11,23 +11,10 @@ import pytest
 import hhtbench as hb
 from hhtbench.mechanics import Mechanism
 from hhtbench.protocol.errors import ProblemError
-from problems import flyball_governor
+from problems import bricard
 
 X, Y, Z = np.eye(3)
 G = np.array([0.0, -9.81, 0.0])
-
-
-def bricard():
-    """IFToMM library of computational benchmark problems, A04: rods of 1 m, 1 kg, 0.1 m square; see problems/bricard.py."""
-    m = Mechanism(G)
-    along, axes, end = (X, -Y, Z, -X, Y), (Y, Z, X, Y, Z, X), np.zeros(3)
-    for i, rod in enumerate(along):
-        J = np.where(abs(rod) > 0, 0.01 / 6, 1.01 / 12)
-        m.body(f"rod {i}", 1.0, J, at=end + rod / 2)
-        m.revolute(f"hinge {i}", f"rod {i - 1}" if i else "ground", f"rod {i}", end, axes[i])
-        end = end + rod
-    m.revolute("hinge 5", "rod 4", "ground", end, axes[5])
-    return m
 
 
 def parallelogram():
@@ -96,7 +83,7 @@ def solved(make, solver, share, steps=None):
     return m, solution
 
 
-@pytest.mark.parametrize("make", [bricard, parallelogram, door, spatial_crank])
+@pytest.mark.parametrize("make", [bricard.mechanism, parallelogram, door, spatial_crank])
 def test_forces_and_moments_on_every_body_balance(make):
     """Newton and Euler: ``m a`` and ``d(J w)/dt`` against weight and the joints' readings, below 1e-10 of the largest."""
     m, solution = solved(make, "projected", 1.0)
@@ -120,7 +107,7 @@ def test_forces_and_moments_on_every_body_balance(make):
         assert max(abs(force).max(), abs(torque).max()) < 1e-10 * size, name
 
 
-@pytest.mark.parametrize("make", [bricard, parallelogram, door])
+@pytest.mark.parametrize("make", [bricard.mechanism, parallelogram, door])
 def test_reactions_of_redundant_joints_do_not_depend_on_the_mass_of_quaternions(make):
     m, one = solved(make, "projected", 1.0)
     _, other = solved(make, "projected", 7.0)
@@ -144,7 +131,7 @@ def test_hht_depends_on_the_mass_of_quaternions_by_its_own_error_only():
 def test_joints_that_share_a_load_are_named():
     assert door().mobility().redundant == 5
     assert door().mobility().sharing == (("lower", "upper"),)
-    assert bricard().mobility().degrees_of_freedom == 1
+    assert bricard.mechanism().mobility().degrees_of_freedom == 1
     assert parallelogram().mobility().degrees_of_freedom == 1
 
 
@@ -313,26 +300,3 @@ def test_masses_in_another_unit_are_told_with_both_names():
     m.body("ship", 1e9, (1e9, 1e9, 1e9))
     with pytest.warns(UserWarning, match="'ship' has 1e.09 kg beside 3 kg of 'door'"):
         m.problem((0, 1))
-
-
-def test_flyball_governor_by_names_moves_as_the_one_in_equations():
-    """IFToMM A05 as in problems/flyball_governor.py; both are one system of equations, solved to 1e-10."""
-    written = flyball_governor.problem()
-    K, C, free, ball, _, _, _, turning = flyball_governor.PUBLISHED
-    given = flyball_governor.bodies(ball)
-    m, places = Mechanism(), written.q0.reshape(4, 7)
-    for i, name in enumerate(("shaft", "slider", "arm 1", "arm 2")):
-        x, p = places[i, :3], places[i, 3:]
-        motion = {"rate": turning * Z, "velocity": turning * np.cross(Z, x)}
-        m.body(name, given["m"][i], given["J"][i], at=x, turned=p, **motion)
-    m.revolute("bearing", "ground", "shaft", (0, 0, 0), Z)
-    m.prismatic("sleeve", "shaft", "slider", m.bodies["slider"].x, Z)
-    for arm, side in (("arm 1", 0.05 * X), ("arm 2", -0.05 * X)):
-        m.revolute(f"pin of {arm}", "shaft", arm, side + Z, Y)
-        middle = m.bodies[arm].x + m.bodies[arm].R @ [0.5 - given["centre"], 0, 0]
-        m.spring(f"spring of {arm}", "slider", arm, m.bodies["slider"].x + side, middle, K, C, free=free)
-    ends = [
-        hb.solve(problem, "projected", rtol=1e-10, t_span=(0, 0.05), q0=written.q0, v0=written.v0).q[-1].reshape(4, 7)[:, :3]
-        for problem in (written, m.problem((0, 0.05)))
-    ]
-    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-10)

@@ -1,0 +1,84 @@
+"""Scenes of rigid bodies in space in equations written by hand, against which their mechanisms are judged."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from hhtbench.mechanics import space
+from hhtbench.protocol.system import System, parameter
+
+X, Y, Z = np.eye(3)
+
+
+class Bodies(System):
+    """k free bodies."""
+
+    m: object = parameter(doc="masses (k,) [kg]")
+    J: object = parameter(doc="principal moments (k, 3) [kg m^2]")
+    g: object = parameter(doc="gravity (3,) [m/s^2]")
+
+    def mass_matrix(self, t, q):
+        return space.mass_of_bodies(q, self.m, self.J, jnp.mean(self.J, axis=1))
+
+    def force(self, t, q, v):
+        return space.force_on_bodies(q, v, self.m, self.J, self.g)
+
+
+class Governor(Bodies):
+    """Shaft, slider and two arms of problems/flyball_governor.py."""
+
+    centre: object = parameter(doc="hinge to centre of mass of an arm [m]")
+    K: object = parameter(doc="[N/m]")
+    C: object = parameter(doc="[N s/m]")
+    l0: object = parameter(doc="[m]")
+
+    def lengths(self, q):
+        at, sides = space.placed_with_ground(q), 0.05 * np.stack([X, -X])
+        arms = space.points_on(at, [2, 3], jnp.tile((0.5 - self.centre) * X, (2, 1)))
+        return jnp.linalg.norm(arms - space.points_on(at, [1, 1], sides), axis=1)
+
+    def force(self, t, q, v):
+        length, rate = jax.jvp(self.lengths, (q,), (v,))
+        (along,) = jax.vjp(self.lengths, q)[1](self.K * (length - self.l0) + self.C * rate)
+        return super().force(t, q, v) - along
+
+    def constraint(self, t, q):
+        at = space.placed_with_ground(q)
+        a = np.stack([0 * X, 0.5 * Z + 0.05 * X, 0.5 * Z - 0.05 * X])
+        b = jnp.concatenate([-0.5 * Z[None], jnp.tile(-self.centre * X, (2, 1))])
+        across, axis = np.array([[X, Y], [X, Z], [X, Z]]), np.stack([Z, Y, Y])
+        hinges = space.revolute_rows(at, [4, 0, 0], [0, 2, 3], a, b, across, axis)
+        beside = (at.x[1] - at.x[0]) @ at.R[0][:, :2]
+        frame = (at.R[0].T @ at.R[1])[np.array([0, 0, 1]), np.array([1, 2, 2])]
+        return jnp.concatenate([space.norm_rows(space.split(q)[1]), hinges, beside, frame])
+
+
+def governor(K=8e5, C=4e4, l0=0.5, ball=5.0, g=9.81, **start):
+    rod, slider, centre = 0.3, 3.0, (0.15 + ball) / (0.3 + ball)
+    thin, slender = rod * 1e-4 / 6, rod * (1 + 1e-4) / 12
+    arm = slender + rod * (centre - 0.5) ** 2 + ball * (1 - centre) ** 2
+    J = [[slender, slender, thin], [slider * 0.01 / 6] * 3, [thin, arm, arm], [thin, arm, arm]]
+    return Governor(m=[rod, slider, rod + ball, rod + ball], J=J, g=-g * Z, centre=centre, K=K, C=C, l0=l0)
+
+
+class Loop(Bodies):
+    """Five rods of problems/bricard.py."""
+
+    L: object = parameter(doc="[m]")
+
+    def constraint(self, t, q):
+        along, axis = np.stack([X, -Y, Z, -X, Y]), np.stack([Y, Z, X, Y, Z, X])
+        across = np.stack([np.roll(axis, 1, axis=1), np.roll(axis, 2, axis=1)], axis=1)
+        a, b = self.L * np.concatenate([[0 * X], along / 2]), self.L * np.concatenate([-along / 2, [Z]])
+        at = space.placed_with_ground(q)
+        hinges = space.revolute_rows(at, [5, 0, 1, 2, 3, 4], np.arange(6), a, b, across, axis)
+        return jnp.concatenate([space.norm_rows(space.split(q)[1]), hinges])
+
+
+def loop(m=1.0, L=1.0, a=0.1, g=9.81):
+    along = np.stack([X, Y, Z, X, Y])
+    J = m / 12 * np.where(along > 0, 2 * a**2, L**2 + a**2)
+    return Loop(m=np.full(5, m), J=J, g=-g * Y, L=L)
+
+
+SCENES = {"flyball_governor": governor, "bricard": loop}
