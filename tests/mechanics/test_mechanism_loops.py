@@ -11,7 +11,7 @@ import pytest
 import hhtbench as hb
 from hhtbench.mechanics import Mechanism
 from hhtbench.protocol.errors import ProblemError
-from problems import bricard
+from problems import bricard, heavy_top, rolling_disk3d_steady
 
 X, Y, Z = np.eye(3)
 G = np.array([0.0, -9.81, 0.0])
@@ -83,7 +83,9 @@ def solved(make, solver, share, steps=None):
     return m, solution
 
 
-@pytest.mark.parametrize("make", [bricard.mechanism, parallelogram, door, spatial_crank])
+@pytest.mark.parametrize(
+    "make", [bricard.mechanism, heavy_top.mechanism, rolling_disk3d_steady.mechanism, parallelogram, door, spatial_crank]
+)
 def test_forces_and_moments_on_every_body_balance(make):
     """Newton and Euler: ``m a`` and ``d(J w)/dt`` against weight and the joints' readings, below 1e-10 of the largest."""
     m, solution = solved(make, "projected", 1.0)

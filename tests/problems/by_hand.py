@@ -81,4 +81,35 @@ def loop(m=1.0, L=1.0, a=0.1, g=9.81):
     return Loop(m=np.full(5, m), J=J, g=-g * Y, L=L)
 
 
-SCENES = {"flyball_governor": governor, "bricard": loop}
+class Top(Bodies):
+    """Body of problems/heavy_top.py."""
+
+    l: object = parameter(doc="[m]")  # noqa: E741
+
+    def constraint(self, t, q):
+        return jnp.concatenate([space.norm_rows(q[3:])[None], q[:3] - self.l * space.rotation(q[3:])[:, 1]])
+
+
+def top(m=15.0, l=1.0, A=0.234375, C=0.46875, g=9.81, **start):  # noqa: E741
+    return Top(m=[m], J=[[A, C, A]], g=-g * Z, l=l)
+
+
+class Disk(Bodies):
+    """Body of problems/rolling_disk3d_steady.py."""
+
+    R: object = parameter(doc="[m]")
+
+    def constraint(self, t, q):
+        return jnp.stack([space.norm_rows(q[3:]), q[2] - self.R * jnp.sqrt(1 - space.rotation(q[3:])[2, 2] ** 2)])
+
+    def velocity_constraint(self, t, q, v):
+        a = space.rotation(q[3:])[:, 2]
+        rho = -self.R * (Z - a[2] * a) / jnp.sqrt(1 - a[2] ** 2)
+        return space.velocity_at(q, v, [0], rho[None])[0, :2]
+
+
+def disk(m=1.0, R=0.5, g=9.81, **start):
+    return Disk(m=[m], J=m * R**2 / 4 * np.array([[1.0, 1.0, 2.0]]), g=-g * Z, R=R)
+
+
+SCENES = {"flyball_governor": governor, "bricard": loop, "heavy_top": top, "rolling_disk3d_steady": disk}

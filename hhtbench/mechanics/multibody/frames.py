@@ -87,6 +87,12 @@ class Space:
         return jnp.concatenate([w, jnp.zeros((1, 3))])
 
     @staticmethod
+    def velocity_at(q: Array, v: Array, bodies: tuple[int, ...], offset: Array) -> Array:
+        """Velocities (j, 3) [m/s] of points at ``offset`` (j, 3) [m] from the centres of the bodies numbered ``bodies``."""
+        numbers, centres = np.array(bodies), jnp.concatenate([space.split(v)[0], jnp.zeros((1, 3))])
+        return centres[numbers] + jnp.cross(Space.rates(q, v)[numbers], offset)
+
+    @staticmethod
     def wrench(q: Array, forces: Array, torques: Array) -> Array:
         """Generalised forces (7 k,) of ``forces`` at the centres and ``torques`` in space, (k, 3) each."""
         turning = 2 * jnp.einsum("kij,ki->kj", space.space_rate_matrix(space.split(q)[1]), torques)
@@ -128,6 +134,13 @@ class Plane:
     def rates(q: Array, v: Array) -> Array:
         """Angular velocities (k + 1,) [rad/s] of the bodies and of the ground."""
         return jnp.append(v.reshape(-1, 3)[:, 2], 0.0)
+
+    @staticmethod
+    def velocity_at(q: Array, v: Array, bodies: tuple[int, ...], offset: Array) -> Array:
+        """Velocities (j, 2) [m/s] of points at ``offset`` (j, 2) [m] from the centres of the bodies numbered ``bodies``."""
+        numbers, centres = np.array(bodies), jnp.concatenate([v.reshape(-1, 3)[:, :2], jnp.zeros((1, 2))])
+        across = jnp.stack([-offset[:, 1], offset[:, 0]], axis=1)
+        return centres[numbers] + Plane.rates(q, v)[numbers, None] * across
 
     @staticmethod
     def wrench(q: Array, forces: Array, torques: Array) -> Array:
