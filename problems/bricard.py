@@ -27,76 +27,30 @@ import functools
 import math
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from hhtbench.mechanics.space import (
-    energy_of_bodies,
-    force_on_bodies,
-    mass_of_bodies,
-    norm_rows,
-    placed_with_ground,
-    revolute_rows,
-    rotation,
-    split,
-)
+from hhtbench.mechanics.multibody.mechanism import Mechanism
+from hhtbench.mechanics.space import rotation, split
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.system import Problem, Scales
 from problems._common import checked, load_reference
 
 SOURCE = "IFToMM library of computational benchmark problems, A04"
 X, Y, Z = np.eye(3)
 ALONG = np.stack([X, -Y, Z, -X, Y])  #: directions of the rods at the start (5, 3)
 AXIS = np.stack([Y, Z, X, Y, Z, X])  #: axes of the six hinges (6, 3); every frame is that of space at the start
-ACROSS = np.stack([np.roll(AXIS, 1, axis=1), np.roll(AXIS, 2, axis=1)], axis=1)  #: (6, 2, 3)
-FIRST, SECOND = np.array([5, 0, 1, 2, 3, 4]), np.arange(6)  #: bodies at each hinge; 5 is the ground
-END_OF_FIRST = np.concatenate([[0 * X], ALONG / 2])  #: hinge in the first body, times L (6, 3)
-BEGIN_OF_SECOND = np.concatenate([-ALONG / 2, [Z]])  #: hinge in the second body, times L (6, 3)
 
 
-class Bricard(System):
-    """``q`` (35,): five rods; five norms and six hinges of five rows each."""
-
-    m: Array = parameter(1.0, doc="mass of a rod [kg]")
-    L: Array = parameter(1.0, doc="length of a rod [m]")
-    a: Array = parameter(0.1, doc="side of the square section [m]")
-    g: Array = parameter(9.81, doc="gravity, along -y [m/s^2]")
-    j0: Array = parameter(0.0566, doc="inertia along each quaternion; the motion does not depend on it [kg m^2]")
-
-    @property
-    def masses(self) -> Array:
-        """Masses of the rods (5,) [kg]."""
-        return jnp.full(5, self.m)
-
-    @property
-    def inertia(self) -> Array:
-        """Principal moments (5, 3) [kg m^2]; each rod lies along another axis of its frame."""
-        along, across = self.m * self.a**2 / 6, self.m * (self.L**2 + self.a**2) / 12
-        return across + (along - across) * ALONG**2
-
-    @property
-    def gravity(self) -> Array:
-        """Gravity vector (3,) [m/s^2]."""
-        return -self.g * jnp.asarray(Y)
-
-    def mass_matrix(self, t: Array, q: Array) -> Array:
-        """Mass matrix: (35, 35), a block for each rod."""
-        return mass_of_bodies(q, self.masses, self.inertia, jnp.full(5, self.j0))
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Applied force: weight and the terms quadratic in p', (35,)."""
-        return force_on_bodies(q, v, self.masses, self.inertia, self.gravity)
-
-    def constraint(self, t: Array, q: Array) -> Array:
-        """Position constraints: norms and hinges, (35,), one row of which depends on the others."""
-        a, b = self.L * END_OF_FIRST, self.L * BEGIN_OF_SECOND
-        hinges = revolute_rows(placed_with_ground(q), FIRST, SECOND, a, b, ACROSS, AXIS)
-        return jnp.concatenate([norm_rows(split(q)[1]), hinges])
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic and gravitational energy above P0 [J]."""
-        return energy_of_bodies(q, v, self.masses, self.inertia, self.gravity)
+def mechanism(*, m: float = 1.0, L: float = 1.0, a: float = 0.1, g: float = 9.81) -> Mechanism:
+    """Make the loop at its start, parameters as in :func:`problem`: ``rod 0`` to ``rod 4``, ``hinge 0`` to ``hinge 5``."""
+    loop, point = Mechanism((0.0, -g, 0.0)), np.zeros(3)
+    along, across = m * a**2 / 6, m * (L**2 + a**2) / 12
+    for i, rod in enumerate(ALONG):
+        loop.body(f"rod {i}", m, across + (along - across) * rod**2, point + L / 2 * rod)
+        loop.revolute(f"hinge {i}", f"rod {i - 1}" if i else "ground", f"rod {i}", point, AXIS[i])
+        point = point + L * rod
+    loop.revolute("hinge 5", "rod 4", "ground", point, AXIS[5])
+    return loop
 
 
 def joints(L: float, q: Vector) -> Vector:
@@ -134,7 +88,7 @@ def problem(*, m: float = 1.0, L: float = 1.0, a: float = 0.1, g: float = 9.81, 
     g
         Gravity along -y [m/s^2].
     """
-    values: dict[str, Any] = {
+    values: dict[str, float] = {
         "m": checked("m", m, above=0.0, unit="kg"),
         "L": checked("L", L, above=0.0, unit="m"),
         "a": checked("a", a, above=0.0, unit="m"),
@@ -143,17 +97,11 @@ def problem(*, m: float = 1.0, L: float = 1.0, a: float = 0.1, g: float = 9.81, 
     t_end = checked("t_end", t_end, above=0.0, unit="s")
     published = tuple(values.values()) == (1.0, 1.0, 0.1, 9.81)
     m, L, a, g = values.values()
-    values["j0"] = m * (L**2 + 2 * a**2) / 18  # the mean of the principal moments
-    corners = L * np.cumsum(ALONG, axis=0)
     rate = max(math.sqrt(abs(g) / L), 0.1)
     force = m * L * rate**2
-    start = np.concatenate([corners - L / 2 * ALONG, np.tile([1.0, 0.0, 0.0, 0.0], (5, 1))], axis=1)
-    return Problem(
+    return mechanism(**values).problem(
+        (0.0, t_end),
         name="bricard",
-        system=Bricard(**values),
-        t_span=(0.0, t_end),
-        q0=start.ravel(),
-        v0=np.zeros(35),
         scales=Scales(
             q=np.tile([L, L, L, 1.0, 1.0, 1.0, 1.0], 5),
             v=np.tile([L * rate] * 3 + [rate] * 4, 5),

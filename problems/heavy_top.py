@@ -19,61 +19,44 @@ from __future__ import annotations
 
 import functools
 import math
-from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from hhtbench.mechanics.lines import chain
-from hhtbench.mechanics.space import body_rate, norm_rows, quaternion_rate, rotation, rotational_force, rotational_mass
+from hhtbench.mechanics.multibody.mechanism import Mechanism
+from hhtbench.mechanics.multibody.system import Multibody
+from hhtbench.mechanics.space import body_rate, rotation
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales, System, parameter
-from problems._common import checked, load_reference
+from hhtbench.protocol.system import Problem, Scales
+from problems._common import checked, load_reference, vertical_momentum, with_j0
 
 SOURCE = "Geradin and Cardona, Flexible Multibody Dynamics, Wiley 2001 (heavy top)"
 PUBLISHED = {"m": 15.0, "l": 1.0, "A": 0.234375, "C": 0.46875, "g": 9.81, "spin": 150.0, "turn": -4.61538}
 
 
-class HeavyTop(System):
-    """``q`` (7,): centre and unit quaternion; norm and three rows of the tip."""
+def axial_rate(system: Multibody, q: Array, v: Array) -> Array:
+    """Spin, the second body rate [rad/s]."""
+    return body_rate(q[3:], v[3:])[1]
 
-    m: Array = parameter(15.0, doc="mass [kg]")
-    l: Array = parameter(1.0, doc="tip to centre of mass [m]")  # noqa: E741
-    A: Array = parameter(0.234375, doc="moment of inertia across the axis, about the centre [kg m^2]")
-    C: Array = parameter(0.46875, doc="moment of inertia about the axis [kg m^2]")
-    g: Array = parameter(9.81, doc="gravity, along -z [m/s^2]")
-    j0: Array = parameter(0.3125, doc="inertia along p that makes M regular; the motion does not depend on it [kg m^2]")
 
-    @property
-    def inertia(self) -> Array:
-        """Principal moments (3,) [kg m^2]."""
-        return jnp.stack([self.A, self.C, self.A])
-
-    def mass_matrix(self, t: Array, q: Array) -> Array:
-        """Mass matrix: (7, 7): ``m`` three times and the block of the quaternion."""
-        block = rotational_mass(q[3:], self.inertia, self.j0)
-        return jnp.zeros((7, 7)).at[:3, :3].set(self.m * jnp.eye(3)).at[3:, 3:].set(block)
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Applied force: weight and the terms quadratic in p', (7,)."""
-        weight = jnp.zeros(3).at[2].set(-self.m * self.g)
-        return jnp.concatenate([weight, rotational_force(q[3:], v[3:], self.inertia)])
-
-    def constraint(self, t: Array, q: Array) -> Array:
-        """Position constraints: norm of the quaternion and the tip, (4,) [1, m, m, m]."""
-        return jnp.concatenate([norm_rows(q[3:])[None], q[:3] - self.l * rotation(q[3:])[:, 1]])
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic and gravitational energy [J]."""
-        w = body_rate(q[3:], v[3:])
-        return (self.m * v[:3] @ v[:3] + w @ (self.inertia * w)) / 2 + self.m * self.g * q[2]
-
-    def invariants(self, t: Array, q: Array, v: Array) -> dict[str, Array]:
-        """Invariants: spin [rad/s] and angular momentum about the vertical through the tip [kg m^2/s]."""
-        w = body_rate(q[3:], v[3:])
-        vertical = rotation(q[3:])[2] @ (self.inertia * w) + self.m * (q[0] * v[1] - q[1] * v[0])
-        return {"spin": w[1], "vertical_momentum": vertical}
+def mechanism(
+    *,
+    m: float = 15.0,
+    l: float = 1.0,  # noqa: E741
+    A: float = 0.234375,
+    C: float = 0.46875,
+    g: float = 9.81,
+    spin: float = 150.0,
+    turn: float = -4.61538,
+) -> Mechanism:
+    """Make the top at its start, parameters as in :func:`problem`: body ``top``, joint ``tip``."""
+    made = Mechanism((0.0, 0.0, -g))
+    made.invariants |= {"spin": axial_rate, "vertical_momentum": vertical_momentum}
+    made.body("top", m, (A, min(C, 2 * A), A), (0.0, l, 0.0), velocity=(-turn * l, 0.0, 0.0), rate=(0.0, spin, turn))
+    made.bodies["top"].inertia[1, 1] = C  # also above 2 A, which no body has: the equations allow it
+    made.spherical("tip", "top", "ground", (0.0, 0.0, 0.0))
+    return made
 
 
 def centre(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
@@ -127,37 +110,34 @@ def problem(
     j0
         Inertia along the quaternion [kg m^2], at least 0; None takes the mean ``(2 A + C) / 3``.
     """
-    values: dict[str, Any] = {
+    values: dict[str, float] = {
         "m": checked("m", m, above=0.0, unit="kg"),
         "l": checked("l", l, above=0.0, unit="m"),
         "A": checked("A", A, above=0.0, unit="kg m^2"),
         "C": checked("C", C, above=0.0, unit="kg m^2"),
         "g": checked("g", g, unit="m/s^2"),
+        "spin": checked("spin", spin, unit="rad/s"),
+        "turn": checked("turn", turn, unit="rad/s"),
     }
-    spin, turn = checked("spin", spin, unit="rad/s"), checked("turn", turn, unit="rad/s")
     t_end = checked("t_end", t_end, above=0.0, unit="s")
-    published = {**values, "spin": spin, "turn": turn} == PUBLISHED and j0 is None
-    values["j0"] = (2 * values["A"] + values["C"]) / 3 if j0 is None else checked("j0", j0, at_least=0.0, unit="kg m^2")
-    length, identity = values["l"], np.array([1.0, 0.0, 0.0, 0.0])
-    fall = math.sqrt(abs(values["g"]) / length)
+    j0 = None if j0 is None else checked("j0", j0, at_least=0.0, unit="kg m^2")
+    m, length, A, C, g, spin, turn = values.values()
+    fall = math.sqrt(abs(g) / length)
     rate, swing = max(abs(spin), abs(turn), fall, 1.0), max(abs(turn), fall, 1.0)
-    force = values["m"] * length * swing**2
-    return Problem(
+    made = mechanism(**values).problem(
+        (0.0, t_end),
         name="heavy_top",
-        system=HeavyTop(**values),
-        t_span=(0.0, t_end),
-        q0=np.concatenate([[0.0, length, 0.0], identity]),
-        v0=np.concatenate([[-turn * length, 0.0, 0.0], quaternion_rate(identity, [0.0, spin, turn])]),
         scales=Scales(
             q=np.array([length] * 3 + [1.0] * 4),
             v=np.array([length * swing] * 3 + [rate / 2] * 4),
-            lam=np.array([max(values["A"], values["C"]) * rate**2] + [force] * 3),
+            lam=np.array([max(A, C) * rate**2] + [m * length * swing**2] * 3),
         ),
         observables={"centre": centre, "tip_force": tip_force},
-        reference=load_reference("heavy_top", t_end) if published else None,
+        reference=load_reference("heavy_top", t_end) if values == PUBLISHED and j0 is None else None,
         sketch=functools.partial(sketch, length),
-        tags=("holonomic", "variable mass", "singular") if values["j0"] == 0 else ("holonomic", "variable mass"),
+        tags=("holonomic", "variable mass", "singular") if j0 == 0 else ("holonomic", "variable mass"),
         good_for="Fast rotation in space by a unit quaternion with a slow precession to be kept: spin, energy and moment "
         "of momentum are known, and so is the reaction at the tip.",
         source=SOURCE,
     )
+    return made if j0 is None else with_j0(made, j0)

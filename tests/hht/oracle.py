@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy
 
-from hhtbench.protocol.system import reaction_takes_velocity
+from hhtbench.protocol.system import declared, reaction_takes_velocity
 
 LEFT_BY_CONTROL = 0.02  # of what is allowed of a step: (H35) asks for 0.01 by an estimate, which the library exceeds by 1.6
 
@@ -67,7 +67,7 @@ def physics_of(system: Any) -> Physics:
 def _terms(system: Any, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Terms:
     """At one place; Q and Q_k as declared, or from the constraints, (H1)."""
     nothing = lambda *_: jnp.zeros(0)  # noqa: E731
-    g, k = getattr(system, "constraint", nothing), getattr(system, "velocity_constraint", nothing)
+    g, k = (declared(system, name) or nothing for name in ("constraint", "velocity_constraint"))
     level, rate = jax.jvp(g, (t, q), (jnp.ones_like(t), v))
     G = jax.jacfwd(g, 1)(t, q).reshape(-1, q.size)
     K = jax.jacfwd(k, 2)(t, q, v).reshape(-1, q.size)

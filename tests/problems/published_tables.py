@@ -23,8 +23,10 @@ def states(spec, multipliers=LAM, **fields):
     return Published(spec=spec, values={"q": Q, "v": V, "lam": multipliers}, **fields)
 
 
-def all_multipliers(s):
-    return np.concatenate([s.lam, s.mu])
+def multipliers_of_the_disk(s):
+    """[lam; mu] for a height homogeneous in p, as published: it loads the norm by R cos^2 / sin of the inclination."""
+    cos = s.q[3] ** 2 - s.q[4] ** 2 - s.q[5] ** 2 + s.q[6] ** 2
+    return np.concatenate([[s.lam[0] - s.lam[1] * 0.5 * cos**2 / np.sqrt(1 - cos**2)], s.lam[1:], s.mu])
 
 
 def of_state(observable):
@@ -100,7 +102,7 @@ PUBLISHED = {
     # [lam; mu]; the published multiplier of the norm is (4 J + 2 j0) p'.p' with j0 = J, from the general quaternion
     # mass 4 G^T J G + 4 j0 p p^T and its quadratic force; ours is 2 J p'.p', a third, from the constant mass 4 J
     "rolling_sphere_table": states("rolling_sphere_table", lambda s: np.concatenate([3 * s.lam, s.mu])),
-    "rolling_disk3d_steady": states("rolling_disk3d_steady", all_multipliers),
+    "rolling_disk3d_steady": states("rolling_disk3d_steady", multipliers_of_the_disk),
     "iftomm_A04_bricard": Published(spec="bricard", values={"P3": lambda s: middle(1.0, s.t, s.q, s.v, s.lam)}),
     "iftomm_A05_flyball": Published(
         spec="flyball_governor",

@@ -57,7 +57,7 @@ def test_norm_inertia_of_the_top_changes_the_multiplier_of_the_norm_alone(make):
     (a1, lam1, _), (a0, lam0, _) = (accelerations(p, q, v) for p in (regular, singular))
     np.testing.assert_allclose(a1, a0, rtol=0, atol=1e-10 * np.abs(a0).max())
     np.testing.assert_allclose(lam1[1:], lam0[1:], rtol=1e-9)
-    np.testing.assert_allclose(lam1[0] - lam0[0], 2 * float(regular.system.j0) * (v[3:] @ v[3:]), rtol=1e-9)
+    np.testing.assert_allclose(lam1[0] - lam0[0], 2 * regular.system.j0[0] * (v[3:] @ v[3:]), rtol=1e-9)
 
 
 def test_top_obeys_eulers_equations_about_its_tip(make):

@@ -273,8 +273,9 @@ def expect_signs(m: Any, t: float) -> None:
     """Raise if the axis of a joint is reversed, or the angle of a motor half a turn off: their rows hold there too."""
     if m.plane:
         return
-    angles = _counted(m, m.start()[0], dict.fromkeys(m.joints, 0.0))
-    for name, value in _motors(m, t).items():
+    motors = _motors(m, t)
+    angles = _counted(m, m.start()[0], dict.fromkeys(m.joints, 0.0)) if motors else {}  # compiles
+    for name, value in motors.items():
         if not _slides(m, name) and math.cos(angles[name][0] - value) < 0.0:
             raise ProblemError(
                 f"motor {name!r} prescribes {value:.6g} rad at {t:g} s, the bodies are at {angles[name][0]:.6g} rad: "

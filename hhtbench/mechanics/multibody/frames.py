@@ -15,6 +15,8 @@ from jax import Array
 
 from hhtbench.mechanics import plane, space
 
+ROUNDOFF = 1e-14  # of entries of rotation matrices
+
 
 class Placed(NamedTuple):
     """Positions of bodies: centres ``x`` (k + 1, d) [m], rotations ``R`` (k + 1, d, d) and, in the plane, ``angle``
@@ -68,9 +70,9 @@ class Space:
         return space.norm_rows(space.split(q)[1])
 
     @staticmethod
-    def coordinates(x: Any, R: Any) -> Any:
-        """Coordinates (7 k,) of bodies with centres ``x`` (k, 3) and rotations ``R`` (k, 3, 3)."""
-        return np.concatenate([np.asarray(x), np.array([quaternion(one) for one in R])], axis=1).ravel()
+    def coordinates(x: Any, p: Any) -> Any:
+        """Coordinates (7 k,) of bodies with centres ``x`` (k, 3) and quaternions ``p`` (k, 4)."""
+        return np.concatenate([np.asarray(x), np.asarray(p)], axis=1).ravel()
 
     @staticmethod
     def velocities(q: Any, velocity: Any, rate: Any) -> Any:
@@ -83,6 +85,12 @@ class Space:
         """Angular velocities (k + 1, 3) [rad/s] in space of the bodies and of the ground."""
         w = space.space_rate(space.split(q)[1], space.split(v)[1])
         return jnp.concatenate([w, jnp.zeros((1, 3))])
+
+    @staticmethod
+    def velocity_at(q: Array, v: Array, bodies: tuple[int, ...], offset: Array) -> Array:
+        """Velocities (j, 3) [m/s] of points at ``offset`` (j, 3) [m] from the centres of the bodies numbered ``bodies``."""
+        numbers, centres = np.array(bodies), jnp.concatenate([space.split(v)[0], jnp.zeros((1, 3))])
+        return centres[numbers] + jnp.cross(Space.rates(q, v)[numbers], offset)
 
     @staticmethod
     def wrench(q: Array, forces: Array, torques: Array) -> Array:
@@ -116,9 +124,9 @@ class Plane:
         return jnp.zeros(0)
 
     @staticmethod
-    def coordinates(x: Any, R: Any) -> Any:
-        """Coordinates (3 k,) of bodies with centres ``x`` (k, 2) and angles ``R`` (k,)."""
-        return np.concatenate([np.asarray(x), np.asarray(R)[:, None]], axis=1).ravel()
+    def coordinates(x: Any, angle: Any) -> Any:
+        """Coordinates (3 k,) of bodies with centres ``x`` (k, 2) and angles (k,)."""
+        return np.concatenate([np.asarray(x), np.asarray(angle)[:, None]], axis=1).ravel()
 
     velocities = staticmethod(lambda q, velocity, rate: Plane.coordinates(velocity, rate))
 
@@ -126,6 +134,13 @@ class Plane:
     def rates(q: Array, v: Array) -> Array:
         """Angular velocities (k + 1,) [rad/s] of the bodies and of the ground."""
         return jnp.append(v.reshape(-1, 3)[:, 2], 0.0)
+
+    @staticmethod
+    def velocity_at(q: Array, v: Array, bodies: tuple[int, ...], offset: Array) -> Array:
+        """Velocities (j, 2) [m/s] of points at ``offset`` (j, 2) [m] from the centres of the bodies numbered ``bodies``."""
+        numbers, centres = np.array(bodies), jnp.concatenate([v.reshape(-1, 3)[:, :2], jnp.zeros((1, 2))])
+        across = jnp.stack([-offset[:, 1], offset[:, 0]], axis=1)
+        return centres[numbers] + Plane.rates(q, v)[numbers, None] * across
 
     @staticmethod
     def wrench(q: Array, forces: Array, torques: Array) -> Array:
@@ -139,14 +154,18 @@ class Plane:
         return parts[:, :2], parts[:, 2]
 
 
-def quaternion(R: Any) -> Any:
-    """Unit quaternion (4,), scalar first and not below 0, of a rotation matrix ``R`` (3, 3).
+def quaternion(R: Any, near: Any = None) -> Any:
+    """Unit quaternion (4,), scalar first, of a rotation matrix ``R`` (3, 3).
+
+    Of both signs that of ``near`` (4,), or the one with a scalar not below 0; ``near`` itself if its rotation is ``R``.
 
     It is the eigenvector of the largest eigenvalue of a symmetric matrix: I. Y. Bar-Itzhack, New method for extracting the
     quaternion from a rotation matrix, Journal of Guidance, Control, and Dynamics 23 (2000) 1085-1087.
     """
     R = np.asarray(R, dtype=float)
+    if near is not None and np.max(np.abs(np.asarray(space.rotation(near)) - R)) < ROUNDOFF:
+        return np.asarray(near)
     axial = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     K = np.block([[np.trace(R), axial[None]], [axial[:, None], R + R.T - np.trace(R) * np.eye(3)]])
     p = np.linalg.eigh(K)[1][:, -1]
-    return p if p[0] >= 0 else -p
+    return -p if (p[0] if near is None else p @ near) < 0 else p

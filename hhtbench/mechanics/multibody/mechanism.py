@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from hhtbench.mechanics.lines import chain
 from hhtbench.mechanics.multibody import assembly
 from hhtbench.mechanics.multibody.elements import MEASURES, Contacts, Loads, Springs, Tyres
 from hhtbench.mechanics.multibody.forces import Forces, column
+from hhtbench.mechanics.multibody.frames import quaternion
 from hhtbench.mechanics.multibody.parts import GROUND
 from hhtbench.mechanics.multibody.readings import BodyReading, ElementReading, JointReading, tabulated
 from hhtbench.mechanics.multibody.rows import FAMILIES, Curves, Gears, Rolling
@@ -25,7 +27,8 @@ class Mechanism(Forces):
     """Bodies, joints and forces by name, which become a :class:`~hhtbench.protocol.system.Problem` for every solver.
 
     Coordinates are absolute: 7 of every body in space, 3 with ``plane=True``, where planar mechanisms belong: in space their
-    joints have redundant rows.  Angles and travels of joints are zero in the drawn pose.
+    joints have redundant rows.  Angles and travels of joints are zero in the drawn pose.  ``invariants`` maps names to
+    functions of (system, q, v), defined in a module, that stay constant: their drift is measured.
     """
 
     def __init__(self, gravity: Any = None, *, plane: bool = False) -> None:
@@ -34,6 +37,7 @@ class Mechanism(Forces):
         down = -9.81 * np.eye(self.dimension)[-1]
         self.made: Multibody | None = None  #: system of the latest problem, which solutions are read by
         self.gravity = down if gravity is None else self._vector("gravity", gravity)
+        self.invariants: dict[str, Callable[[Multibody, Any, Any], Any]] = {}
 
     def system(self) -> Multibody:
         """Make the system of equations."""
@@ -56,6 +60,7 @@ class Mechanism(Forces):
             loads=self._loads() if "load" in given else None,
             speeds=self.rows_of("speed") if "speed" in given else None,
             turns=[joint.turns for joint in self.joints.values()],
+            kept=tuple(self.invariants.items()),
             moves=any(row.law is not None for family in ("slide", "turn") for row in given.get(family, [])),
         )
 
@@ -102,7 +107,7 @@ class Mechanism(Forces):
     def start(self) -> tuple[Any, Any]:
         """Coordinates and velocities (n,) of the bodies at their present poses."""
         bodies = self.bodies.values()
-        turned = [body.angle if self.plane else body.R for body in bodies]
+        turned = [body.angle if self.plane else quaternion(body.R, body.p) for body in bodies]
         q = self.frame.coordinates([body.x for body in bodies], np.array(turned))
         return q, self.frame.velocities(q, [body.velocity for body in bodies], np.array([body.rate for body in bodies]))
 

@@ -30,6 +30,7 @@ class Body:
     velocity: Any
     rate: Any
     angle: float = 0.0
+    p: Any = None  #: unit quaternion that was given, which is that of ``R`` until the body is moved
 
 
 @dataclass(kw_only=True)
@@ -103,7 +104,8 @@ class Parts:
         at
             Centre of mass (d,) [m], the origin if it is not given.
         turned
-            Rotation of the body's frame: matrix (3, 3) or unit quaternion (4,), scalar first; in the plane an angle [rad].
+            Rotation of the body's frame: matrix (3, 3) or unit quaternion (4,), scalar first, which begins with its sign;
+            in the plane an angle [rad].
         velocity, rate
             Of the centre (d,) [m/s], and angular velocity in space (3,) or in the plane [rad/s] at the start.
 
@@ -117,13 +119,14 @@ class Parts:
         if not (np.isfinite(mass) and mass > 0.0):
             raise ProblemError(f"body {name!r}: mass must be above 0 kg; got {mass}.")
         R, angle = self._rotation(f"turned of body {name!r}", turned)
-        zero = np.zeros(d)
+        zero, given = np.zeros(d), np.asarray(turned, float) if np.shape(turned) == (4,) else None
         self.bodies[name] = Body(
             mass=float(mass),
             inertia=self._inertia(name, inertia),
             x=self._vector(f"at of body {name!r}", zero if at is None else at),
             R=R,
             angle=angle,
+            p=None if given is None else given / np.linalg.norm(given),
             velocity=self._vector(f"velocity of body {name!r}", zero if velocity is None else velocity),
             rate=(0.0 if rate is None else float(rate))
             if self.plane

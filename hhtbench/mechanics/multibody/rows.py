@@ -11,8 +11,8 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from hhtbench.mechanics.forces import distances
@@ -158,12 +158,11 @@ def height(at: Placed, rolling: Rolling, t: Any) -> Array:
 
 def slip(frame: Any, rolling: Rolling, q: Array, v: Array) -> Array:
     """Velocities ((d - 1) j,) [m/s] of the points of contact along the plane: zero without slip."""
-    at = frame.placed(q)
-    pairs = rolling.rows.first, rolling.rows.second
-    local = [at.local(bodies, rolling.lowest(at)) for bodies in pairs]
-    apart = lambda at: at.point(pairs[0], local[0]) - at.point(pairs[1], local[1])  # noqa: E731
-    _, velocity = jax.jvp(lambda y: apart(frame.placed(y)), (q,), (v,))
-    parts = [jnp.sum(at.along(pairs[1], rolling.across[:, i]) * velocity, axis=1) for i in range(rolling.across.shape[1])]
+    at, pairs = frame.placed(q), (rolling.rows.first, rolling.rows.second)
+    lowest = rolling.lowest(at)
+    one, other = (frame.velocity_at(q, v, bodies, lowest - at.x[np.array(bodies)]) for bodies in pairs)
+    across = [at.along(pairs[1], rolling.across[:, i]) for i in range(rolling.across.shape[1])]
+    parts = [jnp.sum(direction * (one - other), axis=1) for direction in across]
     return jnp.concatenate(parts)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -30,6 +31,7 @@ class Multibody(System):
     speeds: Rows | None = None  #: prescribed rates
     turns: Any = parameter((), doc="whole turns of the joints at the start, for readings")
     moves: bool = eqx.field(static=True, default=False)  #: whether motors prescribe positions
+    kept: tuple[tuple[str, Callable[..., Any]], ...] = eqx.field(static=True, default=())  #: invariants: names, functions
 
     @property
     def frame(self) -> Any:
@@ -56,6 +58,11 @@ class Multibody(System):
         """Function of (t, q, v, lam, mu): power [W] of dampers, friction, loads and motors; None if there are none."""
         conserved = not (self.elements or self.moves) and self.loads is None and self.speeds is None
         return None if conserved else self._power
+
+    @property
+    def invariants(self) -> Any:
+        """Function of (t, q, v): what is constant along the motion, by name; None without any."""
+        return self._invariants if self.kept else None
 
     def force(self, t: Array, q: Array, v: Array) -> Array:
         """Weight, terms quadratic in velocities, springs, contacts and loads, (n,)."""
@@ -87,6 +94,9 @@ class Multibody(System):
         if self.speeds is not None:
             parts.append(self.speeds.driven(t, turning(self.frame, self.speeds, q, v)))
         return jnp.concatenate(parts)
+
+    def _invariants(self, t: Any, q: Any, v: Any) -> dict[str, Array]:
+        return {name: value(self, q, v) for name, value in self.kept}
 
     def _applied(self, t: Any, q: Any, v: Any) -> Array:
         """Loads and friction (n,)."""
