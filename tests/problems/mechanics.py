@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from hhtbench.protocol.system import declared
+
 
 @partial(jax.jit, static_argnums=0)
 def whole(function, system, *arguments):
@@ -19,11 +21,11 @@ def _nothing(*_):
 
 
 def _g(system):
-    return getattr(system, "constraint", _nothing)
+    return declared(system, "constraint") or _nothing
 
 
 def _k(system):
-    return getattr(system, "velocity_constraint", _nothing)
+    return declared(system, "velocity_constraint") or _nothing
 
 
 def _position_rows(system, t, q):
@@ -56,8 +58,8 @@ class Mechanics:
     def __init__(self, system):
         self.system = system
         self.whole = getattr(system, "whole", system)
-        self.g = getattr(system, "constraint", lambda *_: np.zeros(0))
-        self.k = getattr(system, "velocity_constraint", lambda *_: np.zeros(0))
+        self.g = declared(system, "constraint") or (lambda *_: np.zeros(0))
+        self.k = declared(system, "velocity_constraint") or (lambda *_: np.zeros(0))
 
     def _of(self, function, t, *state):
         return jax.tree.map(np.asarray, whole(function, self.whole, np.float64(t), *map(np.asarray, state)))
@@ -78,8 +80,8 @@ class Mechanics:
         return self._of(_position_rate, t, q, v)
 
     def reaction(self, t, q, v, lam, mu):
-        declared = getattr(self.system, "reaction", None)
-        position = declared(t, q, lam) if declared else -self.position_rows(t, q).T @ lam
+        own = declared(self.system, "reaction")
+        position = own(t, q, lam) if own else -self.position_rows(t, q).T @ lam
         return np.asarray(position) - self.velocity_rows(t, q, v).T @ mu
 
     def accelerations(self, t, q, v, *, redundant=False):
@@ -102,7 +104,7 @@ def _function(name):
 def compiled(system):
     """The same physics with each function compiled as a whole."""
     names = ("force", "constraint", "velocity_constraint", "mass_matrix", "reaction", "energy", "power", "invariants")
-    parts = {name: getattr(system, name) for name in names if hasattr(system, name)}
+    parts = {name: part for name in names if (part := declared(system, name)) is not None}
     parts = {name: partial(whole, _function(name), system) if callable(f) else f for name, f in parts.items()}
     return SimpleNamespace(whole=system, **parts)
 

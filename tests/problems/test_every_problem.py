@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from hhtbench.catalogue.registry import list_problems, load_problem
-from hhtbench.protocol.system import TAGS
+from hhtbench.protocol.system import TAGS, declared
 from tests.problems.cases import CHANGED, FURTHER
 from tests.problems.mechanics import Mechanics, compiled
 
@@ -59,7 +59,7 @@ def test_tags_are_true(name):
     """Those that the declared functions show."""
     problem = default(name)
     system, tags = problem.system, set(problem.tags)
-    position, velocity = hasattr(system, "constraint"), hasattr(system, "velocity_constraint")
+    position, velocity = (declared(system, name) is not None for name in ("constraint", "velocity_constraint"))
     assert ("unconstrained" in tags) == (not position and not velocity)
     assert not {"holonomic", "velocity-level", "mixed"} <= tags
     if "mixed" in tags:
