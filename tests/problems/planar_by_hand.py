@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.mechanics import bushings, forces, plane
+from hhtbench.mechanics import bushings, contact, forces, plane
 from hhtbench.protocol.system import System, parameter
 
 
@@ -64,4 +64,38 @@ def windows(n_windows=2, m=1.0, l=1.0, g=9.81, speed=1.0):  # noqa: E741
     return Windows(m=masses, J=masses * l**2 / 12, g=g, l=l)
 
 
-SCENES = {"bushing_chain": chain, "four_bars": windows}
+class Cam(Bodies):
+    """Cam and follower of problems/cam_follower.py."""
+
+    ecc: object = parameter(doc="[m]")
+    clear: object = parameter(doc="of a flat from the middle of the follower [m]")
+    Om: object = parameter(doc="[rad/s]")
+    spring_k: object = parameter(doc="[N/m]")
+    law: object = parameter(doc="k, c and onset of contact (3,)")
+    rub: object = parameter(doc="coefficient of friction and creep (2,)")
+
+    def constraint(self, t, q):
+        at, none = plane.placed_with_ground(q), jnp.zeros((1, 2))
+        pin = plane.revolute_rows(at, [0], [-1], jnp.stack([-self.ecc, 0.0])[None], none)
+        guide = plane.prismatic_rows(at, [1], [-1], none, none, np.array([[0.0, 1.0]]))
+        return jnp.concatenate([pin, guide, q[2:3] - self.Om * t])
+
+    def contacts(self, q):
+        at, side = plane.placed_with_ground(q), np.array([[0.0, 1.0], [0.0, -1.0]])
+        flats = plane.points_on(at, [1, 1], side * self.clear)
+        return contact.on_plane(at.x[np.array([0, 0])], 0.05, flats, plane.turned(at.angle[1], -side))
+
+    def force(self, t, q, v):
+        gaps, law = lambda q: self.contacts(q).gap, contact.hunt_crossley(*self.law)
+        rubs = contact.friction_force(plane, [0], [1], self.contacts(q), -law(*forces.rates(gaps, q, v)), self.rub, q, v)
+        spring = jnp.zeros(6).at[4].set(-self.spring_k * q[4])
+        return super().force(t, q, v) + spring + forces.force_of(gaps, law, q, v) + rubs
+
+
+def cam(ecc=0.02, backlash=5e-4, Om=40.0, spring_k=500.0, k=1e8, c=0.5, mu=0.1, onset=1e-5, creep=0.02):
+    given = {"ecc": ecc, "clear": 0.05 + backlash / 2, "Om": Om, "spring_k": spring_k}
+    m = np.array([3.0, 2.0])
+    return Cam(m=m, J=m * 0.05**2 / 2, g=9.81, law=[k, c, onset], rub=[mu, creep], **given)
+
+
+SCENES = {"bushing_chain": chain, "four_bars": windows, "cam_follower": cam}

@@ -58,3 +58,14 @@ def test_a_bushing_by_name_is_stretched_as_is_observed(make):
     apart = np.linalg.norm(m.of(solution, "bushing 1").measure()[-1, :2])
     assert apart > 1e-8
     np.testing.assert_allclose(problem.observables["stretch"](0.05, solution.q[-1], None, None), apart, rtol=1e-6)
+
+
+def test_flats_push_the_cam_by_name_as_is_observed_and_its_motor_gives_the_power(make):
+    problem = make("cam_follower")
+    m, solution = mechanism_of("cam_follower"), hb.solve(problem, "hht", t_span=(0.0, 0.05), rtol=1e-5)
+    pushes = np.stack([m.of(solution, flat).tension() for flat in ("upper", "lower")], axis=1)
+    seen = [problem.observables["push"](t, q, v, None) for t, q, v in zip(solution.t, solution.q, solution.v, strict=True)]
+    assert np.max(seen) > 50.0
+    np.testing.assert_allclose(-pushes, seen, rtol=1e-12)
+    np.testing.assert_allclose(m.of(solution, "drive").power(), -40.0 * solution.lam[:, 4], rtol=1e-6)
+    np.testing.assert_allclose(m.of(solution, "bearing").angle(), 40.0 * solution.t, atol=1e-12)
