@@ -98,4 +98,54 @@ def cam(ecc=0.02, backlash=5e-4, Om=40.0, spring_k=500.0, k=1e8, c=0.5, mu=0.1, 
     return Cam(m=m, J=m * 0.05**2 / 2, g=9.81, law=[k, c, onset], rub=[mu, creep], **given)
 
 
-SCENES = {"bushing_chain": chain, "four_bars": windows, "cam_follower": cam}
+class Band(Bodies):
+    """Shoes and wheels of problems/band_track.py."""
+
+    radius: object = parameter(doc="of the wheels [m]")
+    bearing: object = parameter(doc="of the second wheel (2,) [m]")
+    stiffness: object = parameter(doc="(3,) [N/m, N/m, N m/rad]")
+    damping: object = parameter(doc="(3,) [N s/m, N s/m, N m s/rad]")
+    law: object = parameter(doc="k, c and onset of contact (3,)")
+    rub: object = parameter(doc="coefficient of friction and creep (2,)")
+    torque: object = parameter(doc="of the motor at rest [N m], and of motor and brake per rate [N m s], (3,)")
+
+    def constraint(self, t, q):
+        return jnp.concatenate([q[-6:-4], q[-3:-1] - self.bearing])
+
+    def offsets(self, q):  # the angle grows by a turn once around, which the last makes good
+        shoes = np.arange(self.m.size - 2)
+        end = jnp.array([[0.1101 / 2, 0.0]])
+        found = bushings.offsets_in_plane(plane.placed_with_ground(q), shoes, np.roll(shoes, -1), end, -end)
+        return found.at[-1, 2].add(2 * np.pi)
+
+    def force(self, t, q, v):
+        n = self.m.size - 2
+        shoes, wheels = np.tile(np.arange(n), 2), np.repeat([n, n + 1], n)
+        at, law = lambda q: plane.placed_with_ground(q).x, contact.hunt_crossley(*self.law)
+        contacts = lambda q: contact.on_sphere(at(q)[shoes], 0.01, at(q)[wheels], self.radius)  # noqa: E731
+        gaps = lambda q: contacts(q).gap  # noqa: E731
+        rubs = contact.friction_force(plane, shoes, wheels, contacts(q), -law(*forces.rates(gaps, q, v)), self.rub, q, v)
+        push = forces.force_of(gaps, law, q, v)
+        held = forces.force_of(self.offsets, forces.spring_damper(self.stiffness, self.damping, 0.0), q, v)
+        torques = jnp.stack([self.torque[0] - self.torque[1] * v[-4], -self.torque[2] * v[-1]])
+        return (super().force(t, q, v) + push + rubs + held).at[np.array([-4, -1])].add(torques)
+
+
+def band(n_wrap=6, n_free=4, k=7e7, c=3.5e6, turning_k=500.0, turning_c=25.0, contact_k=6e6, **given):
+    law = {"loss": 0.2, "onset": 2e-4, "mu": 0.8, "creep": 0.05, "motor": 20.0, "Om": 10.0, "brake": 5.0} | given
+    shoes, radius = 2 * (n_wrap + n_free), 0.1101 / (2 * np.tan(np.pi / (2 * n_wrap))) - 0.01
+    return Band(
+        m=np.append(np.full(shoes, 2.13), [40.0, 40.0]),
+        J=np.append(np.full(shoes, 0.002), [20.0 * radius**2, 20.0 * radius**2]),
+        g=9.81,
+        radius=radius,
+        bearing=[n_free * 0.1101, 0.0],
+        stiffness=[k, k, turning_k],
+        damping=[c, c, turning_c],
+        law=[contact_k, law["loss"], law["onset"]],
+        rub=[law["mu"], law["creep"]],
+        torque=[law["motor"] * law["Om"], law["motor"], law["brake"]],
+    )
+
+
+SCENES = {"bushing_chain": chain, "four_bars": windows, "cam_follower": cam, "band_track": band}

@@ -69,3 +69,12 @@ def test_flats_push_the_cam_by_name_as_is_observed_and_its_motor_gives_the_power
     np.testing.assert_allclose(-pushes, seen, rtol=1e-12)
     np.testing.assert_allclose(m.of(solution, "drive").power(), -40.0 * solution.lam[:, 4], rtol=1e-6)
     np.testing.assert_allclose(m.of(solution, "bearing").angle(), 40.0 * solution.t, atol=1e-12)
+
+
+def test_the_largest_push_on_the_wheels_by_name_is_the_one_that_is_observed(make):
+    problem = make("band_track", n_wrap=3, n_free=1)
+    m, solution = mechanism_of("band_track", n_wrap=3, n_free=1), hb.solve(problem, "hht", t_span=(0.0, 0.05), steps=50)
+    last = 0.05, solution.q[-1], solution.v[-1], solution.lam[-1]
+    pushes = [-m.of(solution, f"shoe {i}, {wheel}").tension()[-1] for i in range(8) for wheel in ("driven", "braked")]
+    np.testing.assert_allclose(max(pushes), problem.observables["largest_push"](*last), rtol=1e-12)
+    np.testing.assert_allclose(m.of(solution, "brake").tension()[-1], 5.0 * problem.observables["wheel_speeds"](*last)[1])
