@@ -18,17 +18,15 @@ The start is at rest, stretched out along x, free of stress.  The fastest mode o
 from __future__ import annotations
 
 import functools
+import math
 from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from hhtbench.mechanics import bushings, forces, plane
 from hhtbench.mechanics.lines import pin_lines
+from hhtbench.mechanics.multibody.mechanism import Mechanism
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.system import Problem, Scales
 from problems._common import checked, load_reference
 
 SOURCE = "shoes and bushings of the M113 band track of Project Chrono; the chain is of this bench"
@@ -36,66 +34,25 @@ LARGE = 100  # coordinates from which the tag "large" is set: dense linear algeb
 NAMES = {3.5e3: "bushing_chain_c3e3", 3.5e6: "bushing_chain_c3e6"}  #: stored references by their damping
 
 
-class BushingChain(System):
-    """``q`` (3 N,): bars (x, y, angle); diagonal mass, no constraints."""
-
-    m: Array = parameter(1.8, doc="mass of a bar [kg]")
-    J: Array = parameter(0.001, doc="inertia of a bar about its centre [kg m^2]")
-    length: Array = parameter(0.0753, doc="of a bar [m]")
-    k: Array = parameter(7e7, doc="stiffness of a bushing [N/m]")
-    c: Array = parameter(3.5e3, doc="damping of a bushing [N s/m]")
-    turning_k: Array = parameter(500.0, doc="stiffness against turning [N m/rad]")
-    turning_c: Array = parameter(25.0, doc="damping against turning [N m s]")
-    g: Array = parameter(9.81, doc="gravity [m/s^2]")
-    n_bars: int = eqx.field(static=True, default=20)
-
-    @property
-    def bodies(self) -> tuple[Array, Array]:
-        """Masses [kg] and moments of inertia [kg m^2], (N,) each."""
-        return self.m * jnp.ones(self.n_bars), self.J * jnp.ones(self.n_bars)
-
-    @property
-    def gravity(self) -> Array:
-        """Gravity (2,) [m/s^2]."""
-        return jnp.stack([0.0, -self.g])
-
-    @property
-    def stiffness(self) -> Array:
-        """Stiffness (3,) against the offsets along, across and in angle [N/m, N/m, N m/rad]."""
-        return jnp.stack([self.k, self.k, self.turning_k])
-
-    @property
-    def law(self) -> Any:
-        """Law of springs and dampers of the bushings."""
-        return forces.spring_damper(self.stiffness, jnp.stack([self.c, self.c, self.turning_c]), 0.0)
-
-    @property
-    def mass_matrix(self) -> Array:
-        """Mass matrix: diagonal (3 N,) [kg, kg, kg m^2]."""
-        return plane.mass_of_bodies(*self.bodies)
-
-    def offsets(self, q: Array) -> Array:
-        """Offsets (N, 3) [m, m, rad] of the bushings."""
-        bars = np.arange(self.n_bars)
-        end = jnp.stack([self.length / 2, 0.0])
-        ends = jnp.where((bars == 0)[:, None], 0.0, end)  # the ground's is the origin
-        return bushings.offsets_in_plane(plane.placed_with_ground(q), bars - 1, bars, ends, -end[None])
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Applied force: weight and bushings, (3 N,) [N, N, N m]."""
-        return plane.weight_of_bodies(self.bodies[0], self.gravity) + forces.force_of(self.offsets, self.law, q, v)
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic and gravitational energy, springs [J]."""
-        springs = jnp.sum(self.stiffness * self.offsets(q) ** 2) / 2
-        return plane.energy_of_bodies(q, v, *self.bodies, self.gravity) + springs
-
-    def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """Power of the dampers [W]."""
-        return forces.power_lost(self.offsets, self.law, q, v)
-
-
-OFFSETS: Any = eqx.filter_jit(BushingChain.offsets)
+def mechanism(
+    *,
+    n_bars: int = 20,
+    m: float = 1.8,
+    J: float = 0.001,
+    length: float = 0.0753,
+    k: float = 7e7,
+    c: float = 3.5e3,
+    turning_k: float = 500.0,
+    turning_c: float = 25.0,
+    g: float = 9.81,
+) -> Mechanism:
+    """Bodies ``bar 1``, ... and bushings ``bushing 1``, ..., of the same parameters as :func:`problem`."""
+    chain, before = Mechanism((0.0, -g), plane=True), "ground"
+    for i in range(n_bars):
+        bar = chain.body(f"bar {i + 1}", m, J, at=(length * (i + 0.5), 0.0))
+        chain.bushing(f"bushing {i + 1}", before, bar, (length * i, 0.0), (k, k, turning_k), (c, c, turning_c))
+        before = bar
+    return chain
 
 
 def tip(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
@@ -103,9 +60,9 @@ def tip(t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
     return np.asarray(q[-3:-1])
 
 
-def stretch(system: BushingChain, t: float, q: Vector, v: Vector, lam: Vector) -> float:
+def stretch(length: float, t: float, q: Vector, v: Vector, lam: Vector) -> float:
     """Distance of the points that the first bushing holds together [m]."""
-    return float(np.linalg.norm(OFFSETS(system, q)[0, :2]))
+    return math.hypot(q[0] - length / 2 * math.cos(q[2]), q[1] - length / 2 * math.sin(q[2]))
 
 
 def sketch(length: float, q: Vector) -> dict[str, Any]:
@@ -156,19 +113,14 @@ def problem(
         "g": checked("g", g, unit="m/s^2"),
     }
     t_end = checked("t_end", t_end, above=0.0, unit="s")
-    plain = {key: float(getattr(BushingChain(), key)) for key in values}
-    published = n == 20 and values["c"] in NAMES and values | {"c": plain["c"]} == plain
-    system = BushingChain(**values, n_bars=n)
+    plain = {"m": 1.8, "J": 0.001, "length": 0.0753, "k": 7e7, "turning_k": 500.0, "turning_c": 25.0, "g": 9.81}
+    published = n == 20 and values["c"] in NAMES and values == plain | {"c": values["c"]}
     size, speed = n * values["length"], np.sqrt(max(abs(values["g"]), 1e-3) * n * values["length"])
-    middles = values["length"] * (np.arange(n) + 0.5)
-    return Problem(
+    return mechanism(n_bars=n, **values).problem(
+        (0.0, t_end),
         name="bushing_chain",
-        system=system,
-        t_span=(0.0, t_end),
-        q0=np.stack([middles, np.zeros(n), np.zeros(n)], axis=1).ravel(),
-        v0=np.zeros(3 * n),
         scales=Scales(q=np.tile([size, size, 1.0], n), v=np.tile([speed, speed, speed / size], n)),
-        observables={"tip": tip, "stretch": functools.partial(stretch, system)},
+        observables={"tip": tip, "stretch": functools.partial(stretch, values["length"])},
         reference=load_reference(NAMES[values["c"]], t_end) if published else None,
         sketch=functools.partial(sketch, values["length"]),
         tags=("unconstrained", "stiff", "damped", *(("large",) if 3 * n >= LARGE else ())),

@@ -10,7 +10,7 @@ Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445; the numbers are of this ben
            ( O     )      lower flat    spring spring_k to its place at the start
        =======| |=======
 
-    0 = g = (C - ecc (cos, sin) angle_c,  x_f,  angle_f,  angle_c - Om t)
+    0 = g = (ecc (cos, sin) angle_c - C,  x_f,  angle_f,  angle_c - Om t)
     gaps: backlash / 2 + (y_f - y_c)  above,  backlash / 2 - (y_f - y_c)  below
 
 Push of a flat ``N = k s^1.5 max(0, 1 + 1.5 c s')`` with the smooth depth s of ``hhtbench.mechanics.contact``, friction
@@ -24,107 +24,55 @@ import functools
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
-from hhtbench.mechanics import contact, forces, plane
 from hhtbench.mechanics.lines import chain, circle_lines, pin_lines
+from hhtbench.mechanics.multibody.mechanism import Mechanism
+from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.system import Problem, Scales
 from problems._common import checked, load_reference
 
 SOURCE = (
     "textbook mechanics, eccentric in a yoke; Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445; numbers of this bench"
 )
-CAM, FOLLOWER, GROUND = 0, 1, -1
-UP = np.array([0.0, 1.0])
+MASSES = 3.0, 2.0  #: of cam and follower [kg]
+RADIUS = 0.05  #: of the cam [m]
+G = 9.81  #: gravity [m/s^2]
+MEASURED: Any = eqx.filter_jit(Multibody.measured)
 
 
-class CamFollower(System):
-    """Two bodies (x, y, angle), five position constraints; one free coordinate between two contacts."""
-
-    m: Array = parameter([3.0, 2.0], doc="masses of cam and follower [kg]")
-    radius: Array = parameter(0.05, doc="of the cam [m]")
-    ecc: Array = parameter(0.02, doc="from the bearing to the middle of the cam [m]")
-    backlash: Array = parameter(5e-4, doc="distance of the flats less the cam's diameter [m]")
-    Om: Array = parameter(40.0, doc="rate of the cam [rad/s]")
-    spring_k: Array = parameter(500.0, doc="stiffness of the follower's spring [N/m]")
-    k: Array = parameter(1e8, doc="stiffness of contact [N/m^1.5]")
-    c: Array = parameter(0.5, doc="loss of contact [s/m]: an impact at u keeps 1 - c u of its speed")
-    mu: Array = parameter(0.1, doc="coefficient of friction [1]")
-    onset: Array = parameter(1e-5, doc="gap over which contact sets in [m]")
-    creep: Array = parameter(0.02, doc="speed at which 0.71 of the friction acts [m/s]")
-    g: Array = parameter(9.81, doc="gravity [m/s^2]")
-
-    @property
-    def J(self) -> Array:
-        """Moments of inertia (2,) [kg m^2] about the centres: a disk, and a follower that does not turn."""
-        return self.m * self.radius**2 / 2
-
-    @property
-    def gravity(self) -> Array:
-        """Gravity (2,) [m/s^2]."""
-        return jnp.stack([0.0, -self.g])
-
-    @property
-    def mass_matrix(self) -> Array:
-        """Mass matrix: diagonal (6,) [kg, kg, kg m^2]."""
-        return plane.mass_of_bodies(self.m, self.J)
-
-    def constraint(self, t: Array, q: Array) -> Array:
-        """Position constraints: bearing, guide, drive, (5,) [m, m, m, rad, rad]."""
-        at, none = plane.placed_with_ground(q), jnp.zeros((1, 2))
-        pin = plane.revolute_rows(at, [CAM], [GROUND], jnp.stack([-self.ecc, 0.0])[None], none)
-        guide = plane.prismatic_rows(at, [FOLLOWER], [GROUND], none, none, UP[None])
-        return jnp.concatenate([pin, guide, q[2:3] - self.Om * t])
-
-    def contacts(self, q: Array) -> contact.Contact:
-        """Contacts of the cam with the upper and the lower flat."""
-        at, side = plane.placed_with_ground(q), np.array([1.0, -1.0])[:, None]
-        flats = side * (self.radius + self.backlash / 2) * UP
-        inward = plane.turned(at.angle[FOLLOWER], -side * UP)
-        return contact.on_plane(at.x[np.array([CAM, CAM])], self.radius, plane.points_on(at, [FOLLOWER] * 2, flats), inward)
-
-    def gaps(self, q: Array) -> Array:
-        """Gaps (2,) [m] to the upper and the lower flat."""
-        return self.contacts(q).gap
-
-    def stretch(self, q: Array) -> Array:
-        """Stretch of the spring (1,) [m]."""
-        return q[4:5]
-
-    @property
-    def law(self) -> Any:
-        """Law of the contacts."""
-        return contact.hunt_crossley(self.k, self.c, self.onset)
-
-    def pushes(self, q: Array, v: Array) -> Array:
-        """Normal forces (2,) [N] of the upper and the lower flat."""
-        return -self.law(*forces.rates(self.gaps, q, v))
-
-    def friction(self, q: Array, v: Array) -> Array:
-        """Generalised force of friction at both flats, (6,)."""
-        push = self.pushes(q, v)
-        return contact.friction_force(plane, [CAM], [FOLLOWER], self.contacts(q), push, (self.mu, self.creep), q, v)
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Applied force: weight, spring, contact and friction, (6,) [N, N, N m]."""
-        spring = forces.force_of(self.stretch, forces.spring_damper(self.spring_k, 0.0, 0.0), q, v)
-        push = forces.force_of(self.gaps, self.law, q, v)
-        return plane.weight_of_bodies(self.m, self.gravity) + spring + push + self.friction(q, v)
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic and gravitational energy, spring and contacts [J]."""
-        stored = self.spring_k * q[4] ** 2 / 2 + contact.contact_energy(self.gaps(q), self.k, self.onset)
-        return plane.energy_of_bodies(q, v, self.m, self.J, self.gravity) + stored
-
-    def power(self, t: Array, q: Array, v: Array, lam: Array, mu: Array) -> Array:
-        """Power of the drive less what contact and friction lose [W]."""
-        return -self.Om * lam[4] + forces.power_lost(self.gaps, self.law, q, v) + self.friction(q, v) @ v
+def turned(Om: Any, t: Any) -> Any:
+    """Angle of the cam [rad] at ``t`` [s]."""
+    return Om * t
 
 
-PUSHES: Any = eqx.filter_jit(CamFollower.pushes)
+def mechanism(
+    *,
+    ecc: float = 0.02,
+    backlash: float = 5e-4,
+    Om: float = 40.0,
+    spring_k: float = 500.0,
+    k: float = 1e8,
+    c: float = 0.5,
+    mu: float = 0.1,
+    onset: float = 1e-5,
+    creep: float = 0.02,
+) -> Mechanism:
+    """Bodies ``cam``, ``follower``, joints ``bearing``, ``guide``, ``drive``, ``spring``, contacts ``upper``, ``lower``."""
+    made = Mechanism((0.0, -G), plane=True)
+    cam, follower = MASSES
+    made.body("cam", cam, cam * RADIUS**2 / 2, at=(ecc, 0.0), velocity=(0.0, ecc * Om), rate=Om)
+    made.body("follower", follower, follower * RADIUS**2 / 2, velocity=(0.0, ecc * Om))
+    made.revolute("bearing", "ground", "cam", (0.0, 0.0))
+    made.prismatic("guide", "ground", "follower", (0.0, 0.0), (0.0, 1.0))
+    made.motor("drive", "bearing", functools.partial(turned, Om))
+    made.bushing("spring", "ground", "follower", (0.0, 0.0), (0.0, spring_k, 0.0))
+    law: dict[str, Any] = {"stiffness": k, "loss": c, "onset": onset, "friction": (mu, creep)}
+    for flat, side in (("upper", 1.0), ("lower", -1.0)):
+        point, inward = (0.0, side * (RADIUS + backlash / 2)), (0.0, -side)
+        made.contact(flat, "cam", "follower", (ecc, 0.0), radius=RADIUS, point=point, normal=inward, **law)
+    return made
 
 
 def lift(t: float, q: Vector, v: Vector, lam: Vector) -> float:
@@ -132,9 +80,9 @@ def lift(t: float, q: Vector, v: Vector, lam: Vector) -> float:
     return float(q[4])
 
 
-def push(system: CamFollower, t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
+def push(system: Multibody, t: float, q: Vector, v: Vector, lam: Vector) -> Vector:
     """Normal forces of the upper and the lower flat (2,) [N]."""
-    return np.asarray(PUSHES(system, q, v))
+    return -np.asarray(MEASURED(system, "contact", q, v)[2])
 
 
 def sketch(radius: float, ecc: float, half: float, q: Vector) -> dict[str, Any]:
@@ -194,24 +142,21 @@ def problem(
         "creep": checked("creep", creep, above=0.0, unit="m/s"),
     }
     t_end = checked("t_end", t_end, above=0.0, unit="s")
-    plain, system = CamFollower(), CamFollower(**values)
-    published = values == {key: float(getattr(plain, key)) for key in values}
-    radius, ecc, speed = float(system.radius), values["ecc"], values["ecc"] * values["Om"]
-    force = float(system.m[1]) * (speed * values["Om"] + 9.81)
-    return Problem(
+    published = tuple(values.values()) == (0.02, 5e-4, 40.0, 500.0, 1e8, 0.5, 0.1, 1e-5, 0.02)
+    ecc, speed = values["ecc"], values["ecc"] * values["Om"]
+    force = MASSES[1] * (speed * values["Om"] + G)
+    given = mechanism(**values)
+    return given.problem(
+        (0.0, t_end),
         name="cam_follower",
-        system=system,
-        t_span=(0.0, t_end),
-        q0=np.array([ecc, 0.0, 0.0, 0.0, 0.0, 0.0]),
-        v0=np.array([0.0, speed, values["Om"], 0.0, speed, 0.0]),
         scales=Scales(
             q=np.array([ecc, ecc, 1.0] * 2),
             v=np.array([speed, speed, values["Om"]] * 2),
             lam=np.array([force, force, force, force * ecc, force * ecc]),
         ),
-        observables={"lift": lift, "push": functools.partial(push, system)},
+        observables={"lift": lift, "push": functools.partial(push, given.system())},
         reference=load_reference("cam_follower", t_end) if published else None,
-        sketch=functools.partial(sketch, radius, ecc, radius + values["backlash"] / 2),
+        sketch=functools.partial(sketch, RADIUS, ecc, RADIUS + values["backlash"] / 2),
         tags=("holonomic", "rheonomic", "stiff", "damped", "contact"),
         good_for="impacts across backlash in a mechanism with constraints, seen in the drive's multiplier and in the energy",
         source=SOURCE,

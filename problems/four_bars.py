@@ -33,57 +33,18 @@ import functools
 import math
 from typing import Any
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from scipy.special import ellipj, ellipkm1
 
 from hhtbench.mechanics.lines import pin_lines
+from hhtbench.mechanics.multibody.mechanism import Mechanism
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.system import Motion, Problem, Scales
 from problems._common import checked, load_reference, minimal
 
 SOURCE = "IFToMM library of computational benchmarks, A02: N four-bar mechanism"
 LARGE = 50  # windows from which the tag "large" is set: about 300 coordinates
 SEPARATRIX = 1e-8  # 1 - parameter below which the elliptic functions in use switch to a limit: no closed solution then
-
-
-def bar_ends(q: Any, l: Any, xp: Any = np) -> tuple[Any, Any]:  # noqa: E741
-    """Lower or left, and upper or right ends of every bar, (2 N + 1, 2) each [m]; ``xp`` is the array namespace."""
-    bars = q.reshape(-1, 3)
-    arm = l / 2 * xp.stack([xp.cos(bars[:, 2]), xp.sin(bars[:, 2])], axis=1)
-    return bars[:, :2] - arm, bars[:, :2] + arm
-
-
-class FourBars(System):
-    """``q`` (3 (2 N + 1),): cranks 0..N, then couplers 0..N-1; constant diagonal mass."""
-
-    m: Array = parameter(1.0, doc="mass of each bar [kg]")
-    l: Array = parameter(1.0, doc="length of each bar and distance of the ground pivots [m]")  # noqa: E741
-    g: Array = parameter(9.81, doc="gravity [m/s^2]")
-    n_windows: int = eqx.field(default=2, static=True)
-
-    @property
-    def mass_matrix(self) -> Array:
-        """Mass matrix: diagonal (3 (2 N + 1),) [kg, kg, kg m^2]."""
-        return jnp.tile(jnp.stack([self.m, self.m, self.m * self.l**2 / 12]), 2 * self.n_windows + 1)
-
-    def force(self, t: Array, q: Array, v: Array) -> Array:
-        """Applied force: weight, (3 (2 N + 1),) [N, N, N m]."""
-        return jnp.tile(-self.m * self.g * jnp.array([0.0, 1.0, 0.0]), 2 * self.n_windows + 1)
-
-    def constraint(self, t: Array, q: Array) -> Array:
-        """Position constraints: ground pivots, left ends, right ends of the couplers, (2 (3 N + 1),) [m]."""
-        cranks = self.n_windows + 1
-        begins, ends = bar_ends(q, self.l, jnp)
-        ground = self.l * jnp.stack([jnp.arange(cranks), jnp.zeros(cranks)], axis=1)
-        joints = [begins[:cranks] - ground, begins[cranks:] - ends[: cranks - 1], ends[cranks:] - ends[1:cranks]]
-        return jnp.concatenate(joints).ravel()
-
-    def energy(self, t: Array, q: Array, v: Array) -> Array:
-        """Kinetic and gravitational energy [J]."""
-        return jnp.sum(self.mass_matrix * v**2) / 2 + self.m * self.g * jnp.sum(q[1::3])
 
 
 def parallel_state(n: int, l: float, phi: float, rate: float) -> tuple[Vector, Vector]:  # noqa: E741
@@ -96,6 +57,28 @@ def parallel_state(n: int, l: float, phi: float, rate: float) -> tuple[Vector, V
     q[n + 1 :, :2] += B
     v[: n + 1], v[n + 1 :, :2] = [velocity[0] / 2, velocity[1] / 2, -rate], velocity
     return q.ravel(), v.ravel()
+
+
+def mechanism(
+    *,
+    n_windows: int = 2,
+    m: float = 1.0,
+    l: float = 1.0,  # noqa: E741
+    g: float = 9.81,
+    speed: float = 1.0,
+) -> Mechanism:
+    """Bodies ``crank 0``, ..., ``coupler 0``, ...; joints ``O0``, ... on the ground, ``left 0``, ..., ``right 0``, ..."""
+    windows = Mechanism((0.0, -g), plane=True)
+    bars = [f"crank {i}" for i in range(n_windows + 1)] + [f"coupler {j}" for j in range(n_windows)]
+    states = (part.reshape(-1, 3) for part in parallel_state(n_windows, l, 0.0, speed / l))
+    for bar, (*at, angle), (*velocity, rate) in zip(bars, *states, strict=True):
+        windows.body(bar, m, m * l**2 / 12, at=at, turned=angle, velocity=velocity, rate=rate)
+    for i in range(n_windows + 1):
+        windows.revolute(f"O{i}", f"crank {i}", "ground", (i * l, 0.0))
+    for side, end in enumerate(("left", "right")):
+        for j in range(n_windows):
+            windows.revolute(f"{end} {j}", f"coupler {j}", f"crank {j + side}", ((j + side) * l, l))
+    return windows
 
 
 def frequency_squared(n: int, l: float, g: float) -> float:  # noqa: E741
@@ -129,6 +112,13 @@ def exact(n: int, m: float, l: float, g: float, speed: float, t: float) -> Motio
     return Motion(q=q, v=v, lam=parallel_multipliers(n, m, l, g, phi, rate), mu=np.zeros(0))
 
 
+def bar_ends(l: float, q: Vector) -> tuple[Vector, Vector]:  # noqa: E741
+    """Lower or left, and upper or right ends of every bar, (2 N + 1, 2) each [m]."""
+    bars = q.reshape(-1, 3)
+    arm = l / 2 * np.stack([np.cos(bars[:, 2]), np.sin(bars[:, 2])], axis=1)
+    return bars[:, :2] - arm, bars[:, :2] + arm
+
+
 def B0(l: float, t: float, q: Vector, v: Vector, lam: Vector) -> Vector:  # noqa: E741
     """Position (x, y) of the first free joint [m]."""
     return q[:2] + l / 2 * np.array([math.cos(q[2]), math.sin(q[2])])
@@ -146,7 +136,7 @@ def crank_rate(t: float, q: Vector, v: Vector, lam: Vector) -> float:
 
 def sketch(l: float, q: Vector) -> dict[str, Vector]:  # noqa: E741
     """Drawing at ``q``: joints as ``points`` (2 N + 2, 2), bars and supports as ``lines`` (11 N + 10, 2, 2) [m]."""
-    begins, ends = bar_ends(np.asarray(q), l)
+    begins, ends = bar_ends(l, np.asarray(q))
     cranks = len(begins) // 2 + 1
     ground = [pin_lines((i * l, 0.0), 0.1 * l) for i in range(cranks)]
     lines = np.concatenate([np.stack([begins, ends], axis=1), *ground])
@@ -184,15 +174,11 @@ def problem(
     m, l, g = values.values()  # noqa: E741
     speed, t_end = checked("speed", speed, above=0.0, unit="m/s"), checked("t_end", t_end, above=0.0, unit="s")
     fastest = math.sqrt((speed / l) ** 2 + 4 * frequency_squared(n, l, g))
-    q0, v0 = parallel_state(n, l, 0.0, speed / l)
     closed = (speed / l / fastest) ** 2 >= SEPARATRIX
     published = (*values.values(), speed) == (1.0, 1.0, 9.81, 1.0)
-    return Problem(
+    return mechanism(n_windows=n, **values, speed=speed).problem(
+        (0.0, t_end),
         name="four_bars",
-        system=FourBars(**values, n_windows=n),
-        t_span=(0.0, t_end),
-        q0=q0,
-        v0=v0,
         scales=Scales(
             q=np.tile([l, l, 1.0], 2 * n + 1),
             v=fastest * np.tile([l, l, 1.0], 2 * n + 1),

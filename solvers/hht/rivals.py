@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.system import Problem, declared
 from hhtbench.solution.request import Request
 from solvers.hht.adapter import HHTSolver
 from solvers.hht.control.controller import ControlOptions
@@ -152,7 +152,7 @@ class Rival(HHT):
         """Reason why a problem or request is declined (no prescribed steps, velocity constraints), or None."""
         if not request.fixed:
             return f"{cls.name} {UNCONTROLLED}"
-        if hasattr(problem.system, "velocity_constraint") and options.get("form") != EXTENDED:
+        if declared(problem.system, "velocity_constraint") is not None and options.get("form") != EXTENDED:
             return f"{cls.name} takes position constraints only"
         return None
 

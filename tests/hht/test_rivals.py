@@ -64,6 +64,7 @@ def test_tolerances_and_velocity_constraints_are_declined_in_words(name):
     assert "prescribed steps only" in solver.accepts(swing, Request(rtol=1e-4))
     assert "position constraints only" in solver.accepts(hb.load_problem("knife_edge"), Request(step=0.01))
     assert solver.accepts(swing, Request(step=0.01)) is None
+    assert solver.accepts(hb.load_problem("four_bars"), Request(step=0.01)) is None  # its mechanism declares None
     integrator = solver.integrator(swing.system)
     with pytest.raises(ProblemError, match=f"{name} takes prescribed steps only"):
         integrator.solve((0.0, 1.0), swing.q0, swing.v0, rtol=1e-4)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hhtbench.mechanics import bushings, forces, plane, space
+from hhtbench.mechanics import Mechanism, bushings, forces, plane, space
 from tests.lowering.xla import values
 
 FIRST, SECOND = [0, -1], [1, 0]  # a bushing between two bodies and one to the ground
@@ -141,3 +143,14 @@ def test_rotation_vectors_are_those_of_scipy_and_smooth_at_rest():
     for i, (j, k) in enumerate(((2, 1), (0, 2), (1, 0))):
         expected[i, j, k], expected[i, k, j] = 0.5, -0.5
     np.testing.assert_allclose(slope, expected, atol=1e-15)
+
+
+def test_a_bushing_by_name_pushes_towards_its_free_offsets():
+    """Drawn without offsets: force and moment are the stiffness times what is missing."""
+    free = np.array([0.1, -0.2, 0.3, 0.04, 0.05, -0.06])
+    m = Mechanism(np.zeros(3))
+    m.body("block", 2.0, (0.3, 0.4, 0.5))
+    m.bushing("mount", "ground", "block", np.zeros(3), K6, free=free)
+    (force,) = values([partial(m.system().force, 0.0)], *m.start())
+    turning = space.space_rate_matrix(m.start()[0][3:][None])[0] @ force[3:] / 2
+    np.testing.assert_allclose(np.concatenate([force[:3], turning]), K6 * free, rtol=1e-12)

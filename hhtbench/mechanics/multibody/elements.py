@@ -13,7 +13,7 @@ from jax import Array
 from hhtbench.mechanics import contact, forces, tyres
 from hhtbench.mechanics.bushings import rotation_vector
 from hhtbench.mechanics.multibody.frames import Placed
-from hhtbench.mechanics.multibody.rows import Law, Rows, angles, lengths
+from hhtbench.mechanics.multibody.rows import OfTime, Rows, angles, lengths
 from hhtbench.protocol.system import parameter
 
 Measure = Callable[[Array], Array]
@@ -105,7 +105,7 @@ class Loads(eqx.Module):
     rows: Rows  #: bodies ``second``, points ``b``; ``laws`` of the forces
     force: Any = parameter(doc="(j, d) [N]")
     torque: Any = parameter(doc="(j, 3) in space, (j,) in the plane [N m]")
-    torques: tuple[Law | None, ...] = eqx.field(static=True, default=())  #: of time
+    torques: tuple[OfTime | None, ...] = ()  #: of time
     follows: tuple[bool, ...] = eqx.field(static=True, default=())  #: whether components are in the body's frame
 
     def generalised(self, frame: Any, t: Any, q: Array) -> Array:
@@ -122,7 +122,7 @@ class Loads(eqx.Module):
         return jnp.asarray(frame.wrench(q, *sums))
 
 
-def _at_time(constant: Array, laws: tuple[Law | None, ...], t: Any) -> Array:
+def _at_time(constant: Array, laws: tuple[OfTime | None, ...], t: Any) -> Array:
     for i, law in enumerate(laws):
         constant = constant if law is None else constant.at[i].set(law(t))
     return constant

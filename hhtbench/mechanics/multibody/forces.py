@@ -61,17 +61,26 @@ class Forces(Joints):
         return name
 
     def bushing(
-        self, name: str, first: str, second: str, at: Any, stiffness: Any, damping: Any = 0.0, axes: Any = None
+        self,
+        name: str,
+        first: str,
+        second: str,
+        at: Any,
+        stiffness: Any,
+        damping: Any = 0.0,
+        axes: Any = None,
+        free: Any = 0.0,
     ) -> str:
         """Springs and dampers against all offsets of two frames that coincide as drawn.
 
         ``stiffness`` and ``damping`` (6,): three translations [N/m], three rotations [N m/rad]; in the plane (3,).
+        ``free``: offsets without force, likewise [m, rad].
         ``axes`` (3, 3), columns, or (4,), a quaternion: the frames' rotation in space; along space if not given.
         """
         size = 3 if self.plane else 6
         values: dict[str, Any] = {
             key: np.broadcast_to(np.asarray(value, float), (size,))
-            for key, value in (("stiffness", stiffness), ("damping", damping))
+            for key, value in (("stiffness", stiffness), ("damping", damping), ("free", free))
         }
         there = self._vector("at", at)
         (_, R1, angle1), (_, R2, angle2) = self.pose(first), self.pose(second)
@@ -82,9 +91,7 @@ class Forces(Joints):
         self._expect_numbers(name, **values)
         frame, _ = self._rotation(f"axes of bushing {name!r}", axes)
         more = {"axes": np.array([R1.T @ frame, R2.T @ frame])} if not self.plane else {"axes": 0.0}
-        return self._element(
-            "bushing", name, first, second, a=there, b=there, value=angle2 - angle1, free=np.zeros(size), **values, **more
-        )
+        return self._element("bushing", name, first, second, a=there, b=there, value=angle2 - angle1, **values, **more)
 
     def contact(
         self,

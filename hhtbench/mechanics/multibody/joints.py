@@ -231,7 +231,8 @@ class Joints(Parts):
         """Prescribe the angle [rad] or travel [m] of ``joint`` from the drawn pose, or its rate [rad/s], over time.
 
         It holds the angle of a revolute joint, the travel of a prismatic one; of a cylindrical one the angle, or with
-        ``travel=True`` the travel.  ``law`` is written in ``jax.numpy``.
+        ``travel=True`` the travel.  ``law`` is written in ``jax.numpy``; the numbers of a ``functools.partial`` are
+        parameters, whose new values reuse the compiled code.
         """
         one = self._find(joint, "revolute", "prismatic", "cylindrical")
         self._expect_new(name)

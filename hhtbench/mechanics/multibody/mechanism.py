@@ -15,7 +15,7 @@ from hhtbench.mechanics.multibody.forces import Forces, column
 from hhtbench.mechanics.multibody.frames import quaternion
 from hhtbench.mechanics.multibody.parts import GROUND
 from hhtbench.mechanics.multibody.readings import BodyReading, ElementReading, JointReading, tabulated
-from hhtbench.mechanics.multibody.rows import FAMILIES, Curves, Gears, Rolling
+from hhtbench.mechanics.multibody.rows import FAMILIES, Curves, Gears, Rolling, of_time
 from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.system import Problem
@@ -101,8 +101,9 @@ class Mechanism(Forces):
 
     def _loads(self) -> Loads:
         rows = self.rows["load"]
-        further = {name: tuple(row.more[name] for row in rows) for name in ("torques", "follows")}
-        return Loads(self.rows_of("load"), column(rows, "force"), column(rows, "torque"), **further)
+        torques, follows = tuple(of_time(row.more["torques"]) for row in rows), tuple(row.more["follows"] for row in rows)
+        made = self.rows_of("load")
+        return Loads(made, column(rows, "force"), column(rows, "torque"), torques=torques, follows=follows)
 
     def start(self) -> tuple[Any, Any]:
         """Coordinates and velocities (n,) of the bodies at their present poses."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from hhtbench.mechanics import space
 from hhtbench.mechanics.multibody.frames import Plane, Space
-from hhtbench.mechanics.multibody.rows import Law, Rows
+from hhtbench.mechanics.multibody.rows import Law, Rows, of_time
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 
 GROUND = "ground"
@@ -225,7 +225,7 @@ class Parts:
         first, second = (tuple(self.number(row.bodies[side]) for row in rows) for side in (0, 1))
         a, b = np.array([row.points for row in rows]).swapaxes(0, 1)
         u, w, y = np.array([row.directions for row in rows]).swapaxes(0, 1)
-        laws = tuple(row.law for row in rows)
+        laws = tuple(of_time(row.law) for row in rows)
         value = np.array([row.value for row in rows])
         return Rows(first=first, second=second, laws=laws, a=a, b=b, u=u, w=w, y=y, value=value)
 

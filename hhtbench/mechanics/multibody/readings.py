@@ -10,7 +10,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.mechanics import forces
 from hhtbench.mechanics.multibody.parts import GROUND, Joint
 from hhtbench.mechanics.multibody.rows import Rows, angles, travels, turning
 from hhtbench.protocol.errors import ProblemError, did_you_mean
@@ -86,11 +85,7 @@ def _jacobians(system: Any, t: Any, q: Any, v: Any) -> Any:
 def _measured(system: Any, kind: str, q: Any, v: Any) -> Any:
     """Measures, their rates and tensions (k, j) of all elements of a kind at k times."""
 
-    def one(q: Any, v: Any) -> Any:
-        value, rate = forces.rates(system._measure(kind), q, v)
-        return value, rate, system.elements[kind].law(value, rate)
-
-    return jax.vmap(one)(q, v)
+    return jax.vmap(lambda q, v: system.measured(kind, q, v))(q, v)
 
 
 def _cross(lever: Any, force: Any) -> Any:

@@ -7,6 +7,7 @@ Source: P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -22,12 +23,30 @@ from hhtbench.protocol.system import parameter
 Law = Callable[[Any], Any]  # a function of time
 
 
+class OfTime(eqx.Module):
+    """A function of time, whose ``numbers`` are parameters: new values reuse the compiled code."""
+
+    function: Callable[..., Any] = eqx.field(static=True)  #: of the numbers, then time
+    numbers: tuple[Any, ...] = ()
+
+    def __call__(self, t: Any) -> Any:
+        """Value at time ``t`` [s]."""
+        return self.function(*self.numbers, t)
+
+
+def of_time(law: Law | None) -> OfTime | None:
+    """``law`` as an object whose parameters are the numbers of a ``functools.partial``; None without a law."""
+    if isinstance(law, functools.partial) and not law.keywords and all(np.asarray(x).dtype.kind in "iuf" for x in law.args):
+        return OfTime(law.func, tuple(jnp.asarray(x, dtype=float) for x in law.args))
+    return law if law is None else OfTime(law)
+
+
 class Rows(eqx.Module):
     """j rows of one family; arrays that the family does not use are zero."""
 
     first: tuple[int, ...] = eqx.field(static=True)  #: bodies, the ground is the last
     second: tuple[int, ...] = eqx.field(static=True)
-    laws: tuple[Law | None, ...] = eqx.field(static=True)  #: prescribed values, None for a constant
+    laws: tuple[OfTime | None, ...]  #: prescribed values, None for a constant
     a: Any = parameter(doc="points of the first bodies (j, d) [m]")
     b: Any = parameter(doc="points of the second bodies (j, d) [m]")
     u: Any = parameter(doc="directions of the first (j, d)")

@@ -79,6 +79,11 @@ class Multibody(System):
         total = (plane if self.flat else space).energy_of_bodies(q, v, self.m, self.J, self.gravity)
         return total + sum(element.energy(self._measure(kind)(q)) for kind, element in self.elements.items())
 
+    def measured(self, kind: str, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Measures, rates and tensions (j,) of all elements of a kind: spring, torsion, bushing, contact, ball or tyre."""
+        value, rate = forces.rates(self._measure(kind), q, v)
+        return value, rate, self.elements[kind].law(value, rate)
+
     def _mass(self, t: Any, q: Any) -> Array:
         return space.mass_of_bodies(q, self.m, self.J, self.j0)
 

@@ -16,7 +16,7 @@ from hhtbench.advice.features import probe
 from hhtbench.campaign.reference.plan import registered_plans, validated_spec
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Evidence, Row
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.system import Problem, declared
 from hhtbench.solution.result import Solution
 from solvers.hht.verify.measure import Case, known_motion
 from solvers.hht.verify.study import ALPHAS, NAMES, Method, Progress, Study, below_row, judged_row, shown_row, verify
@@ -206,7 +206,8 @@ def with_multipliers() -> list[str]:
     plan, names = registered_plans(), list_problems()
     problems = {validated_spec(name, plan): load_problem(name) for name in names}
     declares = {
-        spec: any(hasattr(p.system, x) for x in ("constraint", "velocity_constraint")) for spec, p in problems.items()
+        spec: any(declared(p.system, x) is not None for x in ("constraint", "velocity_constraint"))
+        for spec, p in problems.items()
     }
     known = {spec: p.exact is not None or p.reference is not None for spec, p in problems.items()}
     return [spec for spec in problems if declares[spec] and known[spec]]

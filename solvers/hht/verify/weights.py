@@ -16,7 +16,7 @@ from hhtbench.conformance.scenes.linkages import DoublePendulum
 from hhtbench.conformance.scenes.pendulum import GRAVITY
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.evidence import Evidence, Row
-from hhtbench.protocol.system import Motion
+from hhtbench.protocol.system import Motion, declared
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers.hht.solver import HHT
@@ -119,7 +119,7 @@ def constrained() -> list[str]:
     """Names of the library's problems with position constraints and a known motion."""
     problems = {name: load_problem(name) for name in list_problems()}
     known = {name: p.exact is not None or p.reference is not None for name, p in problems.items()}
-    return [name for name, p in problems.items() if known[name] and hasattr(p.system, "constraint")]
+    return [name for name, p in problems.items() if known[name] and declared(p.system, "constraint") is not None]
 
 
 def work(name: str, kind: str) -> dict[str, float]:

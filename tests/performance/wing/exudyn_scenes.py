@@ -142,8 +142,12 @@ def spinup_beam(mbs: Any, problem: Problem) -> object:
 
 def bushing_chain(mbs: Any, problem: Problem) -> None:
     """Bars, each on a bushing at the end of the last one."""
-    m, J, length, k, c, g = numbers(problem, "m", "J", "length", "k", "c", "g")
-    turning_k, turning_c = numbers(problem, "turning_k", "turning_c")
+    system: Any = problem.system
+    springs = system.elements["bushing"]
+    m, J, length, g = map(float, (system.m[0], system.J[0], -2 * springs.rows.b[0, 0], -system.gravity[1]))
+    (k, _, turning_k), (c, _, turning_c) = (
+        np.asarray(part).tolist() for part in (springs.stiffness[:3], springs.damping[:3])
+    )
     wall = mbs.AddObject(items.ObjectGround())
     end, angle = mbs.AddMarker(items.MarkerBodyPosition(bodyNumber=wall, localPosition=[0, 0, 0])), _ground(mbs)
     for row in _rows(problem, 3):
