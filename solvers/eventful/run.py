@@ -18,7 +18,7 @@ from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Work
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution, Status
-from solvers._initcond import consistent_start
+from solvers._initcond import consistent_start, project
 from solvers._start import Failure, PhasePoint, budget_failure, dynamics_for, of_dynamics
 from solvers.eventful.changes import PILED_UP, Changes
 from solvers.eventful.locate import located
@@ -190,9 +190,12 @@ class Run:
             if (most := getattr(asked, budget)) is not None:
                 left = most - sum(getattr(one, counter) or 0 for one in self.spent)
                 asked = asked.but(**{budget: max(left, 1)})
-        if self.known is not None:  # it goes on from a row, which may have drifted off the constraints
-            asked = asked.but(calc_initcond=True)
-        found: Solution = self.solver.solve(self.problem.starting((start.t, end), start.q, start.v), asked)
+        q, v = start.q, start.v
+        if self.known is not None and self.dynamics.structure.constrained:  # a row may have drifted off the constraints
+            moved = project(self.dynamics, PhasePoint(start.t, q, v), self.work)
+            q, v = (q, v) if isinstance(moved, Failure) else (moved[0].q, moved[0].v)
+            asked = asked.but(calc_initcond=False)
+        found: Solution = self.solver.solve(self.problem.starting((start.t, end), q, v), asked)
         spent.append(found.counters)
         return found
 

@@ -207,3 +207,16 @@ def test_a_projected_change_that_lets_the_motion_pass_stays_behind_its_zero(off)
     after, known = changes.applied([Crossing(0, 0.0, -1, (0.0, 0.0))], place, 0.1)
     assert abs(after.q[1] - after.q[0] - 0.6) > 1e-12  # the projection has moved it off the zero, either way
     assert known[0] == BESIDE
+
+
+@pytest.mark.filterwarnings("ignore:redundant")
+def test_redundant_rows_that_have_drifted_stop_no_run():
+    turned = hb.Event(lambda t, q, v: q[0] - 0.3, change=lambda t, q, v: (q, 0.9 * v), name="turned")
+    problem = hb.load_problem("bricard").starting((0.0, 1.5))
+    found = [hb.solve(problem, one, rtol=1e-6, events=[turned]) for one in ("hht", "projected", "scipy(method=Radau)")]
+    assert [one.status.label for one in found] == ["success"] * 3
+    assert found[0].t_events[0].size
+    for other in found[1:]:
+        assert "calc_initcond" not in other.message
+        np.testing.assert_allclose(other.t_events[0], found[0].t_events[0], atol=2e-5)
+        np.testing.assert_allclose(other.q[-1], found[0].q[-1], atol=2e-5)
