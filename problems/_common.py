@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import json
 from collections.abc import Callable
@@ -11,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.mechanics.space import moment_of_momentum
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import MinimalCoordinates, Problem
+from hhtbench.protocol.system import MinimalCoordinates
 
 REFERENCES = Path(__file__).with_name("references")
 
@@ -79,14 +77,3 @@ def _minimal(name: str, parameters: tuple[Any, ...]) -> MinimalCoordinates:
 
     found: MinimalCoordinates = getattr(minimal_coordinates, name)(*parameters)
     return found
-
-
-def vertical_momentum(system: Any, q: Any, v: Any) -> Any:
-    """Angular momentum [kg m^2/s] of the bodies of a mechanism in space about the z axis."""
-    return moment_of_momentum(q, v, system.m, system.J)[2]
-
-
-def with_j0(problem: Problem, j0: float) -> Problem:
-    """Return ``problem`` of a mechanism with the inertia ``j0`` [kg m^2] along its quaternions, at least 0."""
-    system: Any = problem.system
-    return dataclasses.replace(problem, system=dataclasses.replace(system, j0=0 * system.m + j0))

@@ -29,7 +29,8 @@ from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.mechanics.space import body_rate, rotation
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Problem, Scales
-from problems._common import checked, load_reference, vertical_momentum, with_j0
+from problems._common import checked, load_reference
+from problems._spatial import vertical_momentum, with_j0
 
 SOURCE = "Geradin and Cardona, Flexible Multibody Dynamics, Wiley 2001 (heavy top)"
 PUBLISHED = {"m": 15.0, "l": 1.0, "A": 0.234375, "C": 0.46875, "g": 9.81, "spin": 150.0, "turn": -4.61538}

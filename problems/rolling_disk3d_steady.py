@@ -42,7 +42,8 @@ from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.mechanics.space import body_rate, rotation
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.system import Motion, Problem, Scales
-from problems._common import checked, load_reference, with_j0
+from problems._common import checked, load_reference
+from problems._spatial import with_j0
 
 SOURCE = "Routh, Advanced Rigid Dynamics, 1905; Nikravesh, Computer-Aided Analysis of Mechanical Systems, 1988"
 
