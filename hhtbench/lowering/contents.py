@@ -17,6 +17,8 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from hhtbench.runtime.jax_settings import BEGAN
+
 PACKAGES = "hhtbench", "solvers", "problems"  # whose sources are part of a key
 LIBRARIES = "jax", "jaxlib", "equinox", "numpy", "llvmlite"  # whose versions are
 
@@ -71,9 +73,13 @@ def _ours(defined: Any) -> bytes:
 def lasting_key(*values: Any) -> bytes | None:
     """Key of computations that is equal in every process, apart from parameters; None if code of others takes part.
 
-    It holds the versions of all libraries and of our own sources.
+    It holds the versions of all libraries and of our own sources.  None, too, if one of these files was changed after it may
+    have been imported.
     """
-    digest = hashlib.sha256(_sources())
+    sources = _sources()
+    if sources is None:
+        return None
+    digest = hashlib.sha256(sources)
     try:
         for part in contents(values, parameters=False):
             digest.update(b"%d " % len(part) + part)
@@ -83,13 +89,15 @@ def lasting_key(*values: Any) -> bytes | None:
 
 
 @cache
-def _sources() -> bytes:
-    """Versions of Python and the libraries; places, sizes and times of our own sources."""
+def _sources() -> bytes | None:
+    """Versions of libraries; places, sizes and times of our own sources; None if one may be newer than what was imported."""
     found = [sys.version, *(version(name) for name in LIBRARIES)]
     for name in PACKAGES:
         spec = find_spec(name)
         for folder in (spec and spec.submodule_search_locations) or ():
             for file in sorted(Path(folder).rglob("*.py")):
                 state = file.stat()
+                if state.st_ctime > BEGAN:
+                    return None
                 found.append(f"{file} {state.st_size} {state.st_mtime_ns}")
     return "\0".join(found).encode()

@@ -8,11 +8,14 @@ the user's child processes would inherit it.
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Sequence
 from importlib import import_module
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
+
+BEGAN = time.time()  #: when hhtbench was imported [s]
 
 SETTINGS = {
     "jax_enable_x64": True,

@@ -84,6 +84,15 @@ def test_what_others_wrote_has_no_key(values):
     assert lasting_key(*values) is None
 
 
+def test_files_that_changed_after_their_import_leave_no_key(monkeypatch):
+    assert lasting_key(level_terms, pendulum(), 3) is not None
+    contents._sources.cache_clear()
+    with monkeypatch.context() as patch:
+        patch.setattr(contents, "BEGAN", 0.0)
+        assert lasting_key(level_terms, pendulum(), 3) is None
+    contents._sources.cache_clear()
+
+
 def afresh(monkeypatch, tree, lower=None):
     """The level's terms of ``tree`` at a state, as if the process were new."""
     for module, name in ((compiler, "_memory"), (compiler, "_last"), (flattening, "_jitted")):
