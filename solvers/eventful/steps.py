@@ -89,7 +89,7 @@ def crossings_in(
         for t in own_times[1:]:
             state = (other.q, other.v) if t == other.t else output(t)
             value = value_of(event, float(t), *state, work)
-            if abs(value) <= roundoff:  # it has not left its zero
+            if roundoff > 0.0 and abs(value) <= roundoff:  # it has not left its zero
                 value = starts[e]
             else:
                 roundoff = 0.0

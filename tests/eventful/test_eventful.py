@@ -172,6 +172,13 @@ def test_a_start_on_the_floor_with_the_motion_upward_is_no_event():
     np.testing.assert_allclose(found.t_events[0], [0.0, 1.0 / G, 1.5 / G], atol=1e-8)
 
 
+def test_a_zero_at_the_end_of_the_interval_is_an_event():
+    at_end = hb.Event(lambda t, q, v: t - 0.4, change=lambda t, q, v: (q, -v))
+    found = hb.solve(ball(0.4), "projected", rtol=1e-8, events=[at_end])
+    assert (found.status.label, found.t_events[0].tolist()) == ("success", [0.4])
+    np.testing.assert_allclose(found.v[-2:, 0], [-0.4 * G, 0.4 * G], rtol=1e-12)
+
+
 def test_a_function_that_jumps_and_a_numpy_system_take_events_too():
     system = NumpySystem(force=lambda t, q, v: np.array([-G]))
     fall = hb.Problem(name="fall", system=system, t_span=(0.0, 1.2), q0=[1.0], v0=[0.0])
