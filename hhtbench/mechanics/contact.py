@@ -123,9 +123,13 @@ def sliding_force(
     :func:`friction_force`.
     """
     apart = distances_of_material(frame, first, second, contact.point, q)
+    return force_at(apart, law(along_surface(apart, contact, q, v)), q)
+
+
+def along_surface(apart: Callable[[Array], Array], contact: Contact, q: Array, v: Array) -> Array:
+    """Rates (j, d) of the vectors ``apart(q)`` (j, d) less their parts along the normals."""
     _, rate = jax.jvp(apart, (q,), (v,))
-    sliding = rate - jnp.sum(rate * contact.normal, axis=-1, keepdims=True) * contact.normal
-    return force_at(apart, law(sliding), q)
+    return rate - jnp.sum(rate * contact.normal, axis=-1, keepdims=True) * contact.normal
 
 
 def distances_of_material(frame: ModuleType, first: Any, second: Any, point: Array, q: Array) -> Callable[[Array], Array]:

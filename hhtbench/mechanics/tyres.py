@@ -15,14 +15,12 @@ Source: the friction ellipse of combined slips as in H. B. Pacejka, Tire and Veh
 
 from __future__ import annotations
 
-from types import ModuleType
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
-from hhtbench.mechanics.contact import Contact, distances_of_material, on_plane, sliding_force
+from hhtbench.mechanics.contact import Contact, on_plane
 
 
 def wheel_on_plane(centre: Array, radius: Any, axis: Any, origin: Any, normal: Any) -> Contact:
@@ -64,17 +62,3 @@ def slip_force(push: Array, sliding: Array, travel: Array, ahead: Array, grip: A
     slip = (along * forward)[:, None] * ahead + jnp.asarray(across)[..., None] * aside
     full = jnp.asarray(mu * jnp.sqrt(jnp.sum(travel**2, axis=-1) + slow**2))
     return -(mu * push / jnp.sqrt(full**2 + jnp.sum(slip**2, axis=-1)))[:, None] * slip
-
-
-def tyre_force(
-    frame: ModuleType, wheel: Any, road: Any, centre: Array, contact: Contact, push: Array, ahead: Array, grip: Any,
-    q: Array, v: Array,
-) -> Array:  # fmt: skip
-    """Generalised force (n,) of :func:`slip_force` on bodies ``wheel`` (j,) and against bodies ``road`` (j,).
-
-    ``centre`` (j, d) are the wheels' centres; ``contact`` comes from :func:`wheel_on_plane` or, in the plane,
-    ``contact.on_plane``; ``frame`` and ``push`` as ``contact.friction_force``.
-    """
-    _, travel = jax.jvp(distances_of_material(frame, wheel, road, centre, q), (q,), (v,))
-    travel = travel - jnp.sum(travel * contact.normal, axis=-1, keepdims=True) * contact.normal
-    return sliding_force(frame, wheel, road, contact, lambda sliding: slip_force(push, sliding, travel, ahead, grip), q, v)

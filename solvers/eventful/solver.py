@@ -42,9 +42,9 @@ class WithEvents:
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """Reason why the solver cannot take the problem or request, or None."""
         if request.fixed:
-            return f"{self.name} takes events with tolerances only: give rtol, or take hht"
+            return f"{self.name} takes these events with tolerances only: give rtol instead of steps"
         if request.dense_output:
-            return f"{self.name} has no dense output with events: give t_eval, or take hht"
+            return f"{self.name} has no dense output with these events: give t_eval"
         reason: str | None = self.solver.accepts(problem, request)
         return reason
 

@@ -206,6 +206,16 @@ def test_motor_begins_at_its_own_angle_however_far(angle):
     np.testing.assert_allclose(m.of(solution, "A").angle()[[0, -1]], [angle, angle + 0.01], atol=1e-8)
 
 
+def test_numbers_are_constant_laws_of_motors():
+    m = cranks(2)
+    m.motor("held", "A", 0.5)
+    m.motor("driven", "B", speed=6.0)
+    m.assemble()
+    solution = hb.solve(m.problem((0, 0.1)), "projected", rtol=1e-8)
+    np.testing.assert_allclose(m.of(solution, "A").angle(), 0.5, atol=1e-10)
+    np.testing.assert_allclose(m.of(solution, "B").angle(), 6.0 * solution.t, atol=1e-8)
+
+
 def test_rates_are_those_asked_for_at_any_angle():
     m = cranks(1)
     m.assemble({"A": 2.0})
@@ -275,6 +285,7 @@ BAD = {
     "'A' joins 'door' to itself": lambda m: m.weld("A", "door", "door", (0, 0, 0)),
     "'A': length must be above 0": lambda m: m.distance("A", "ground", "door", (0, 0, 0), (0, 0, 0)),
     "no joint 'uper'": lambda m: m.motor("A", "uper", lambda t: t),
+    "motor 'A': a law must be a number": lambda m: m.motor("A", "upper", speed=np.nan),
     "motor 'A': give either": lambda m: m.motor("A", "upper"),
     "'A': axis and axis_second": lambda m: m.universal("A", "ground", "door", (0, 0, 0), Z, Z + X),
     "both axes are parallel": lambda m: m.universal("A", "ground", "door", (0, 0, 0), Z, Z),

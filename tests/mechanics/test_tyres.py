@@ -48,6 +48,8 @@ def test_spinning_wheel_begins_to_roll_with_its_moment_of_momentum_about_the_roa
     lever = RADIUS - SINKAGE
     rolling = 0.9 * 30.0 / (0.9 + MASS * lever**2)  # whatever the law of friction
     reading = m.of(found, "wheel")
+    pulled = m.of(found, "tyre").friction() + m.of(found, "tyre").tension()[:, None] * -side(Z) - MASS * 9.81 * side(Z)
+    np.testing.assert_allclose(pulled, MASS * reading.acceleration(), atol=1e-9 * MASS * 9.81)
     np.testing.assert_allclose(reading.velocity()[-1], side(rolling * lever * X), atol=1e-5)
     rate = -reading.rate()[-1] if plane else reading.rate()[-1] @ side(Y)
     np.testing.assert_allclose(rate, rolling, rtol=1e-5)

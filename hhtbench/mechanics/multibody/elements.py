@@ -70,9 +70,22 @@ class Contacts(eqx.Module):
         return contact.on_plane(centre, self.radius, other, at.along(self.rows.second, self.rows.w))
 
     def friction(self, frame: Any, q: Array, v: Array) -> Array:
-        """Generalised force (n,) of friction."""
+        """Generalised force (n,) along the surfaces."""
+        apart, force = self._along(frame, q, v)
+        return forces.force_at(apart, force, q)
+
+    def rubbing(self, frame: Any, q: Array, v: Array) -> Array:
+        """Forces (j, d) [N] along the surfaces on the first bodies."""
+        return self._along(frame, q, v)[1]
+
+    def resistance(self, frame: Any, touching: contact.Contact, push: Array, sliding: Array, q: Array, v: Array) -> Array:
+        """The law along the surfaces: forces (j, d) [N] at the velocities ``sliding`` (j, d) [m/s]."""
+        return contact.friction(push, sliding, self.rub[:, 0], self.rub[:, 1])
+
+    def _along(self, frame: Any, q: Array, v: Array) -> tuple[Callable[[Array], Array], Array]:
         touching, push, pairs = self._pressed(frame, q, v)
-        return contact.friction_force(frame.module, *pairs, touching, push, (self.rub[:, 0], self.rub[:, 1]), q, v)
+        apart = contact.distances_of_material(frame.module, *pairs, touching.point, q)
+        return apart, self.resistance(frame, touching, push, contact.along_surface(apart, touching, q, v), q, v)
 
     def _pressed(self, frame: Any, q: Array, v: Array) -> tuple[contact.Contact, Array, tuple[Any, Any]]:
         """Contacts, their normal forces (j,) [N] and their bodies."""
@@ -91,12 +104,13 @@ class Tyres(Contacts):
             return contact.on_plane(centre, self.radius, origin, normal)
         return tyres.wheel_on_plane(centre, self.radius, at.along(self.rows.first, self.rows.u), origin, normal)
 
-    def friction(self, frame: Any, q: Array, v: Array) -> Array:
-        """Generalised force (n,) along the roads."""
-        at, (touching, push, pairs) = frame.placed(q), self._pressed(frame, q, v)
+    def resistance(self, frame: Any, touching: contact.Contact, push: Array, sliding: Array, q: Array, v: Array) -> Array:
+        """Forces (j, d) [N] by slip."""
+        at, pairs = frame.placed(q), (np.array(self.rows.first), np.array(self.rows.second))
         axis = None if at.angle is not None else at.along(self.rows.first, self.rows.u)
-        ahead, (centre, _) = tyres.rolling_directions(axis, touching.normal), self.rows.points(at)
-        return tyres.tyre_force(frame.module, *pairs, centre, touching, push, ahead, self.rub, q, v)
+        centre = contact.distances_of_material(frame.module, *pairs, self.rows.points(at)[0], q)
+        travel = contact.along_surface(centre, touching, q, v)
+        return tyres.slip_force(push, sliding, travel, tyres.rolling_directions(axis, touching.normal), self.rub)
 
 
 class Loads(eqx.Module):

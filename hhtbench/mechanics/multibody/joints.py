@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -10,6 +11,11 @@ import numpy as np
 from hhtbench.mechanics.multibody.parts import RIGHT, Joint, Parts, frame_along, unit
 from hhtbench.mechanics.multibody.rows import Law
 from hhtbench.protocol.errors import ProblemError, did_you_mean
+
+
+def _constant(value: Any, t: Any) -> Any:
+    """The law ``value`` at all times."""
+    return value + 0.0 * t
 
 
 class Joints(Parts):
@@ -227,17 +233,27 @@ class Joints(Parts):
         self.joints[name].rows = [row]
         return name
 
-    def motor(self, name: str, joint: str, law: Law | None = None, *, speed: Law | None = None, travel: bool = False) -> str:
+    def motor(
+        self,
+        name: str,
+        joint: str,
+        law: Law | float | None = None,
+        *,
+        speed: Law | float | None = None,
+        travel: bool = False,
+    ) -> str:
         """Prescribe the angle [rad] or travel [m] of ``joint`` from the drawn pose, or its rate [rad/s], over time.
 
         It holds the angle of a revolute joint, the travel of a prismatic one; of a cylindrical one the angle, or with
-        ``travel=True`` the travel.  ``law`` is written in ``jax.numpy``; the numbers of a ``functools.partial`` are
-        parameters, whose new values reuse the compiled code.
+        ``travel=True`` the travel.  Laws are numbers or functions of time in ``jax.numpy``; numbers, and those of a
+        ``functools.partial``, are parameters, whose new values reuse the compiled code.  Call ``assemble`` afterwards: it
+        brings the bodies to the angle and the rate.  Read by its name, the motor's torque is that on the second body.
         """
         one = self._find(joint, "revolute", "prismatic", "cylindrical")
         self._expect_new(name)
         if (law is None) == (speed is None):
             raise ProblemError(f"motor {name!r}: give either a law of the position or speed=, a law of the rate.")
+        law, speed = (self._law(f"motor {name!r}", x) for x in (law, speed))
         sliding = one.kind == "prismatic" or travel
         if speed is None:
             row = self._travel(one, law) if sliding else self._turn(one, law)
@@ -251,6 +267,14 @@ class Joints(Parts):
             )
         self.joints[name] = self._on(one, name, "motor", [row])
         return name
+
+    def _law(self, owner: str, law: Any) -> Law | None:
+        """A law of time; numbers are constant ones."""
+        if law is None or callable(law):
+            return law
+        if np.ndim(law) or not np.isfinite(law):
+            raise ProblemError(f"{owner}: a law must be a number or a function of time; got {law!r}.")
+        return functools.partial(_constant, float(law))
 
     def _on(self, joint: Joint, name: str, kind: str, rows: list[tuple[str, int]]) -> Joint:
         return Joint(**vars(joint) | {"name": name, "kind": kind, "rows": rows})

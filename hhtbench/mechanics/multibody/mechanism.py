@@ -161,6 +161,8 @@ class Mechanism(Forces):
             return BodyReading(self, solution, name)
         if name in self.forces and self.forces[name].kind != "load":
             return ElementReading(self, solution, self.forces[name])
+        if name in self.forces:
+            raise ProblemError(f"load {name!r} is given, not found: there is nothing to read of it.")
         known = [*self.joints, *self.bodies, *self.forces]
         raise ProblemError(f"there is no joint, body or force {name!r}.{did_you_mean(name, known)}")
 

@@ -88,6 +88,12 @@ def _measured(system: Any, kind: str, q: Any, v: Any) -> Any:
     return jax.vmap(lambda q, v: system.measured(kind, q, v))(q, v)
 
 
+@eqx.filter_jit
+def _rubbing(system: Any, kind: str, q: Any, v: Any) -> Any:
+    """Forces (k, j, d) along the surfaces of all contacts of a kind at k times."""
+    return jax.vmap(lambda q, v: system.elements[kind].rubbing(system.frame, q, v))(q, v)
+
+
 def _cross(lever: Any, force: Any) -> Any:
     """Moments of forces, (..., 3) or in the plane (...)."""
     if lever.shape[-1] == 3:
@@ -304,8 +310,15 @@ class ElementReading(Reading):
         return self._found[1]
 
     def tension(self) -> Any:
-        """Tension [N, N m]: above 0 it pulls; of a contact below 0."""
+        """Tension [N, N m]: above 0 it pulls; of a contact or tyre below 0."""
         return self._found[2]
+
+    def friction(self) -> Any:
+        """Force (k, d) [N] along the surface on the first body of a contact, or on the wheel of a tyre."""
+        elements = self._system.elements[self._element.kind]
+        if not hasattr(elements, "rubbing"):
+            raise ProblemError(f"{self._element.kind} {self._element.name!r} has no friction.")
+        return np.asarray(_rubbing(self._system, self._element.kind, *self._state[1:3]))[:, self._element.number]
 
 
 def tabulated(m: Any, solution: Any) -> dict[str, Any]:
