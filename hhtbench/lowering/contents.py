@@ -8,7 +8,6 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from importlib.metadata import version
-from importlib.util import find_spec
 from pathlib import Path
 from types import FunctionType
 from typing import Any
@@ -19,7 +18,7 @@ import numpy as np
 
 from hhtbench.runtime.jax_settings import BEGAN
 
-PACKAGES = "hhtbench", "solvers", "problems"  # whose sources are part of a key
+FOLDERS = [Path(__file__).parents[2] / name for name in ("hhtbench", "solvers")]  # whose sources are part of a key
 LIBRARIES = "jax", "jaxlib", "equinox", "numpy", "llvmlite"  # whose versions are
 
 
@@ -44,7 +43,7 @@ def contents(value: Any, *, parameters: bool = True) -> Iterator[bytes]:
         yield repr(value).encode()
     elif isinstance(value, jax.Array | np.ndarray | np.generic) and not value.dtype.hasobject:
         yield f"{value.dtype} {value.shape}".encode()
-        if parameters or not eqx.is_inexact_array(value):
+        if parameters or not (isinstance(value, jax.Array) and eqx.is_inexact_array(value)):
             yield np.asarray(value).tobytes()
     elif isinstance(value, tuple | list | dict | eqx.Module) or (own and dataclasses.is_dataclass(value)):
         inner: Any = value
@@ -63,11 +62,12 @@ def contents(value: Any, *, parameters: bool = True) -> Iterator[bytes]:
 
 
 def _ours(defined: Any) -> bytes:
-    """Name of a class or function at the top of a module of our packages."""
-    module, name = defined.__module__, defined.__qualname__
-    if module.partition(".")[0] not in PACKAGES or "<" in name:
-        raise NoContents(f"holds {module}.{name}")
-    return f"{module}.{name}".encode()
+    """Name of a class or function at the top of a module of our packages, which is what the module has by that name."""
+    name, module = defined.__qualname__, sys.modules.get(defined.__module__)
+    place = Path(getattr(module, "__file__", None) or "/")
+    if not any(folder in place.parents for folder in FOLDERS) or getattr(module, name, None) is not defined:
+        raise NoContents(f"holds {defined.__module__}.{name}")
+    return f"{defined.__module__}.{name}".encode()
 
 
 def lasting_key(*values: Any) -> bytes | None:
@@ -88,16 +88,18 @@ def lasting_key(*values: Any) -> bytes | None:
     return digest.digest()
 
 
-@cache
 def _sources() -> bytes | None:
     """Versions of libraries; places, sizes and times of our own sources; None if one may be newer than what was imported."""
-    found = [sys.version, *(version(name) for name in LIBRARIES)]
-    for name in PACKAGES:
-        spec = find_spec(name)
-        for folder in (spec and spec.submodule_search_locations) or ():
-            for file in sorted(Path(folder).rglob("*.py")):
-                state = file.stat()
-                if state.st_ctime > BEGAN:
-                    return None
-                found.append(f"{file} {state.st_size} {state.st_mtime_ns}")
+    found = list(_versions())
+    for folder in FOLDERS:
+        for file in sorted(folder.rglob("*.py")):
+            state = file.stat()
+            if state.st_ctime > BEGAN:
+                return None
+            found.append(f"{file} {state.st_size} {state.st_mtime_ns}")
     return "\0".join(found).encode()
+
+
+@cache
+def _versions() -> tuple[str, ...]:
+    return sys.version, *(version(name) for name in LIBRARIES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
 import sys
 
@@ -16,15 +17,18 @@ from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.contents import lasting_key
 from hhtbench.lowering.dynamics.levels import level_terms
 from hhtbench.lowering.scalar_compiler import native_call
-from hhtbench.mechanics import Mechanism
-from problems import heavy_top, simple_pendulum
+from hhtbench.mechanics import Mechanism, contact
+from problems import bricard, simple_pendulum
 
 compiler = sys.modules["hhtbench.lowering.scalar_compiler.compiler"]
-SHAPES = ((), (2,), (2,))
+SHAPES = ((), (3,), (3,))
 
 
-def pendulum(**options):
-    return derived(simple_pendulum.problem(**options))
+def pendulum(L=1.5):
+    m = Mechanism(plane=True)
+    m.body("rod", 1.3, 0.1, at=(L, 0.3))
+    m.revolute("A", "ground", "rod", at=(0, 0))
+    return derived(m.problem((0, 1)))
 
 
 def derived(problem):
@@ -56,7 +60,7 @@ def test_keys_tell_functions_structures_and_sources_apart_and_no_parameters(monk
     others = [
         lasting_key(native, pendulum(), 3),
         lasting_key(level_terms, pendulum(), 4),
-        lasting_key(level_terms, derived(heavy_top.problem()), 3),
+        lasting_key(level_terms, derived(bricard.mechanism().problem((0, 1))), 3),
         lasting_key(level_terms, cranks(None), 3),
     ]
     monkeypatch.setattr(contents, "_sources", lambda: b"an edit")
@@ -77,8 +81,16 @@ def own(dynamics, *arrays):
 
 @pytest.mark.parametrize(
     "values",
-    [(level_terms, Own()), (own, None), (lambda x: x, None), (level_terms, cranks(lambda t: t)), (level_terms, jnp.sin)],
-    ids=["class", "function", "lambda", "law", "library"],
+    [
+        (level_terms, Own()),
+        (level_terms, derived(simple_pendulum.problem())),
+        (own, None),
+        (lambda x: x, None),
+        (functools.wraps(contact.depth)(lambda gap, onset: gap), None),
+        (level_terms, cranks(lambda t: t)),
+        (level_terms, jnp.sin),
+    ],
+    ids=["class", "problem", "function", "lambda", "wrapped", "law", "library"],
 )
 def test_what_others_wrote_has_no_key(values):
     assert lasting_key(*values) is None
@@ -86,11 +98,13 @@ def test_what_others_wrote_has_no_key(values):
 
 def test_files_that_changed_after_their_import_leave_no_key(monkeypatch):
     assert lasting_key(level_terms, pendulum(), 3) is not None
-    contents._sources.cache_clear()
-    with monkeypatch.context() as patch:
-        patch.setattr(contents, "BEGAN", 0.0)
-        assert lasting_key(level_terms, pendulum(), 3) is None
-    contents._sources.cache_clear()
+    monkeypatch.setattr(contents, "BEGAN", 0.0)
+    assert lasting_key(level_terms, pendulum(), 3) is None
+
+
+def test_numbers_that_are_no_parameters_are_in_the_key():
+    keys = [lasting_key(level_terms, x) for x in (np.float64(1.5), np.float64(2.5), np.array([1.5]), np.array([2.5]), 1.5)]
+    assert len(set(keys)) == 5
 
 
 def afresh(monkeypatch, tree, lower=None):
@@ -100,7 +114,7 @@ def afresh(monkeypatch, tree, lower=None):
     if lower is not None:
         monkeypatch.setattr(compiler, "lower", lower)
     code = native(level_terms, tree, shapes=SHAPES)
-    return native_call(code, SHAPES)(0.0, np.array([0.6, -0.8]), np.array([0.4, 0.3]))
+    return native_call(code, SHAPES)(0.0, np.array([0.6, -0.8, 0.4]), np.array([0.4, 0.3, 2.0]))
 
 
 def test_later_processes_trace_no_function_again(monkeypatch, empty_cache):
