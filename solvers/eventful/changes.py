@@ -45,6 +45,15 @@ class Changes:
         event = self.events[crossing.index]
         return times > MAX_CHANGES_AT_ONCE or (times > 0 and not is_leaving(event, -crossing.side, place, h, self.work))
 
+    def turned_back(self, found: Sequence[Crossing], place: Point, h: float) -> str:
+        """Names of events that change the state although the motion at ``place`` already leads away from their zero.
+
+        There the solver's error is larger than the motion: a change would send it through.
+        """
+        changing = [crossing for crossing in found if self.events[crossing.index].change is not None]
+        away = [c for c in changing if is_leaving(self.events[c.index], c.side, place, h, self.work)]
+        return ", ".join(repr(self.events[c.index].name) for c in away)
+
     def together(self, found: Sequence[Crossing], known: Vector | None, place: Point, h: float) -> list[Crossing]:
         """Crossings by other events that change the state and whose zero is at ``place`` within the resolution of time."""
         others, there = [], {crossing.index for crossing in found}

@@ -15,7 +15,7 @@ from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
-from hhtbench.solution.counting import Work
+from hhtbench.solution.counting import Clock, Work
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution, Status
 from solvers._initcond import consistent_start, project
@@ -36,11 +36,11 @@ ROWS = "t", "q", "v", "lam", "mu"
 class Run:
     """One solve with events."""
 
-    def __init__(self, solver: Any, events: tuple[Event, ...], problem: Problem, request: Request) -> None:
+    def __init__(self, solver: Any, events: tuple[Event, ...], problem: Problem, request: Request, clock: Clock) -> None:
         self.solver, self.problem, self.request = solver, problem, request
         t, self.end = problem.t_span
         self.ahead, self.length = float(np.sign(self.end - t)), FIRST * abs(self.end - t)
-        self.work, self.spent, self.output = Work(), list[Counters](), list[Counters]()
+        self.work, self.spent, self.output = Work(clock=clock), list[Counters](), list[Counters]()
         self.rows: list[tuple[Matrix, ...]] = []
         self.pieces: list[tuple[Point, float]] = []  #: motions without changes: start and end [s]
         self.occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in events)
@@ -84,6 +84,7 @@ class Run:
 
     def _advance(self) -> Failure | None:
         """Run the solver once, up to the first event that stops it; a Failure if the solve ends there."""
+        self.work.check_time()
         t = self.point.t
         if due := [i for i in self.samples if abs(self._sample_time(i) - t) <= _resolved(t)]:
             return self._sampled(due)
@@ -106,7 +107,10 @@ class Run:
             for crossing in found:
                 place = located(self.events[crossing.index], crossing, one, other.t, self._reach, self.work)
                 if isinstance(place, Failure):
+                    self._keep(part, row)
                     return place
+                if self.ahead * (place.t - self.end) > -_resolved(self.end):
+                    place = replace(place, t=self.end)
                 if self._stops(crossing):
                     self._keep(part, row)
                     return self._stopped(place, [crossing], other.t - one.t)
@@ -125,6 +129,8 @@ class Run:
         elif self.changes.pile_up(found, place, h):
             names = ", ".join(repr(self.events[c.index].name) for c in found)
             return Failure(Status.time_resolution, f"changes by event {names} pile up at t = {exact(place.t)}; {PILED_UP}")
+        if unsure := self.changes.turned_back(found, place, h):
+            return Failure(Status.time_resolution, f"changes by event {unsure} pile up at t = {exact(place.t)}; {PILED_UP}")
         found += self.changes.together(found, self.known, place, h)
         self.length = max(LONGER * abs(place.t - begun.t), abs(h), SHORTEST * _resolved(place.t))
         return self._changed(place, found, h)
@@ -164,6 +170,8 @@ class Run:
             return after
         self.point, self.known, self.fresh = *after, True
         if named:
+            if any(self.events[c.index].change is not None for c in found):
+                self._add_row(self.point)
             return Failure(Status.event, f"event {', '.join(named)} at t = {exact(place.t)}. {Status.event.text}")
         if self.point.t == self.end:
             self._add_row(self.point)
@@ -228,7 +236,10 @@ class Run:
         """Rows at ``times`` (k,): each motion between changes is solved again with them."""
         if not self.rows:
             return self._rows()
-        last, rows = self.rows[-1][0][-1], []
+        last, begun, rows = self.rows[-1][0][-1], self.problem.t_span[0], []
+        if times.size and times[0] == begun:  # the start itself, before any change there
+            rows.append(tuple(column[:1] for column in self.rows[0]))
+            times = times[1:]
         for i, (start, end) in enumerate(self.pieces):
             closed = i == len(self.pieces) - 1
             end = last if closed else end

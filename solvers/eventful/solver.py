@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hhtbench.protocol.system import Problem, Solver
+from hhtbench.solution.counting import timed
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Solution
 from solvers.eventful.run import Run
@@ -50,4 +51,5 @@ class WithEvents:
 
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate ``problem``."""
-        return Run(self.solver, self.events, problem, request).solution()
+        with timed(request.max_seconds) as clock:
+            return Run(self.solver, self.events, problem, request, clock).solution()

@@ -165,6 +165,33 @@ def test_a_ball_that_comes_to_rest_ends_the_run_where_its_bounces_pile_up():
     assert found.t_events[0].size > 20
 
 
+@pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-8])
+@pytest.mark.parametrize("solver", ["ida(form=index1)", "cvode", "scipy(method=LSODA)", "scipy(method=Radau)", "projected"])
+def test_no_ball_falls_through_the_floor_when_it_comes_to_rest(solver, rtol):
+    found = hb.solve(ball(10.0), solver, rtol=rtol, atol=rtol, events=[bounce()], max_seconds=60.0)
+    assert found.status.label == "time_resolution"
+    assert found.q.min() > -10 * rtol
+
+
+@pytest.mark.parametrize("solver", ["cvode", "projected", "scipy(method=Radau)"])
+@pytest.mark.parametrize("end", [0.4, 0.8, 2.1, 2.5])
+def test_a_change_at_the_end_of_the_interval_or_of_the_run_is_in_the_last_row(solver, end):
+    clock = lambda t, q, v: q[1] - end  # noqa: E731 - a coordinate of unit speed, so that the solver finds the time
+    double = lambda t, q, v: (q, 2 * v)  # noqa: E731
+
+    class Clock(hb.System):
+        def force(self, t, q, v):
+            return jnp.stack([-q[0], 0.0])
+
+    for more, last in ({"terminal": False}, end), ({"terminal": True}, 3.0):
+        problem = hb.Problem(name="clock", system=Clock(), t_span=(0.0, last), q0=[1.0, 0.0], v0=[0.0, 1.0])
+        found = hb.solve(problem, solver, rtol=1e-9, atol=1e-11, events=[hb.Event(clock, change=double, **more)])
+        assert found.status.label == ("event" if last == 3.0 else "success"), found.message
+        times = 1 + found.t_events[0].size  # at the end of the interval it may be beyond by roundoff
+        assert times == 2 or last == end
+        np.testing.assert_allclose(found.v[-1], [-times * np.sin(end), times], atol=1e-7)
+
+
 def test_a_start_on_the_floor_with_the_motion_upward_is_no_event():
     found = hb.solve(ball(0.5, q0=[0.0], v0=[3.0]), "cvode", rtol=1e-9, events=[bounce()])
     assert found.t_events[0].size == 0

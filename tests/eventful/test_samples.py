@@ -52,7 +52,9 @@ def test_rows_at_samples_hold_the_new_input_and_other_events_stay():
     problem = hb.Problem(name="held", system=Held(), t_span=(0.0, 10 * PERIOD), q0=[1.0, 0.0], v0=[0.0, 0.0])
     half = hb.Event(lambda t, q, v: q[0] - 0.5, name="half")
     found = hb.solve(problem, "projected", rtol=1e-9, events=[half, SAMPLE], t_eval=PERIOD * np.arange(11))
-    np.testing.assert_allclose(found.q[:-1, 1], -(states(10) @ GAINS)[:-1], atol=1e-7)
+    assert found.status.label == "success"
+    np.testing.assert_allclose(found.q[0], problem.q0)  # the start, before its sample
+    np.testing.assert_allclose(found.q[1:-1, 1], -(states(10) @ GAINS)[1:-1], atol=1e-7)
     assert found.t.size == 11
     (t,), at = found.t_events[0], states(10)
     i = int(t // PERIOD)
