@@ -1,8 +1,9 @@
 r"""Simple tyres: thin wheels on planes, whose forces along the road follow from slip.
 
-The wheel touches at its lowest point; the normal force is that of a contact, ``contact.hunt_crossley``, with the gap there.
-With the velocity w of the wheel against the road at that point, the speed V of its centre along the road, normal force N,
-friction coefficient mu and stiffnesses c_x along and c_y across the rolling direction, per unit of slip and of N:
+The normal force is that of a contact, ``contact.hunt_crossley``, with the gap at the wheel's lowest point.  Slip is that of
+the wheel's material at the road: the rolling radius is the loaded one.  With its velocity w against the road, the speed V
+of the centre along the road, normal force N, friction coefficient mu and stiffnesses c_x along and c_y across the rolling
+direction, per unit of slip and of N:
 
     s = (c_x w_x, c_y w_y) / (mu sqrt(V^2 + V0^2)),    F = -mu N s / sqrt(1 + |s|^2)
 

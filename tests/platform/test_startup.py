@@ -104,7 +104,7 @@ print(sum(len(open(file).readlines()) for file in own))
     ("kind", "most"),
     [
         ("hb.Problem(name='p', system=called, **start)", 7_800),
-        ("hb.Problem(name='p', system=Own(), **start)", 10_690),
+        ("hb.Problem(name='p', system=Own(), **start)", 10_700),
         ("'simple_pendulum'", 10_940),
     ],
 )

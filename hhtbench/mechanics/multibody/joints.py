@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -272,7 +273,7 @@ class Joints(Parts):
         """A law of time; numbers are constant ones."""
         if law is None or callable(law):
             return law
-        if np.ndim(law) or not np.isfinite(law):
+        if isinstance(law, bool) or not isinstance(law, Real) or not np.isfinite(float(law)):
             raise ProblemError(f"{owner}: a law must be a number or a function of time; got {law!r}.")
         return functools.partial(_constant, float(law))
 

@@ -112,6 +112,8 @@ class Reading:
 
     def __init__(self, m: Any, solution: Any) -> None:
         self._m, self._solution, self.t = m, solution, np.asarray(solution.t)
+        if not self.t.size:
+            raise ProblemError(f"the solution has no rows to read: {solution.status.label}: {solution.message}")
         self._system = m.made or m.system()
         rows = [sum(map(len, found.values())) for found in (m.rows_by_joint(), m.velocity_rows_by_joint())]
         sizes = m.frame.size * len(m.bodies), rows[0] + (0 if m.plane else len(m.bodies)), rows[1]
