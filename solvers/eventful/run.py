@@ -23,7 +23,8 @@ from solvers._start import Failure, PhasePoint, budget_failure, dynamics_for, of
 from solvers.eventful.changes import PILED_UP, Changes
 from solvers.eventful.locate import located
 from solvers.eventful.steps import Point, crossings_in
-from solvers.hht.events.event import Event, Occurrence, code_of
+from solvers.hht.events.event import Event, Occurrence
+from solvers.hht.events.functions import code_of
 from solvers.hht.events.locate import TOGETHER, Crossing
 from solvers.hht.events.sides import BESIDE, starting_values
 

@@ -19,7 +19,8 @@ from solvers._start import Guesses, PhasePoint
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.known import Layout
-from solvers.hht.events.event import Event, EventFunctions
+from solvers.hht.events.event import Event
+from solvers.hht.events.functions import EventFunctions
 from solvers.hht.run.branches import Stepped
 from solvers.hht.run.in_python import Codes, python_codes
 from solvers.hht.run.march import march, remake
