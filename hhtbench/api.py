@@ -98,8 +98,8 @@ def _with_events(solver: Solver, events: Any) -> Solver:
 
     require_events(events)
     listed = events if isinstance(events, list | tuple) else [events]
-    sampled = any(getattr(event, "period", 0.0) for event in listed)
-    own: Any = None if sampled else getattr(solver, "with_events", None)
+    between = any(getattr(event, "between_steps", False) for event in listed)
+    own: Any = None if between else getattr(solver, "with_events", None)
     own = own or partial(load("name", "with_events"), solver)
     made: Solver = own(events)
     return made

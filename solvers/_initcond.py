@@ -10,7 +10,7 @@ from scipy.sparse import issparse
 from hhtbench.lowering import CONSISTENT, ConstraintLevels, Dynamics, size_of, unreduced
 from hhtbench.lowering.dynamics.kkt_rows import Acceleration
 from hhtbench.lowering.dynamics.rank import constraint_rank
-from hhtbench.protocol.arguments import all_finite
+from hhtbench.protocol.arguments import Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue, ProblemError
 from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.counting import Work
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from solvers._projection import Projection
 
 NEARLY = 1e-7  # relative difference of nearly dependent rows: a KKT matrix sees its square, about roundoff
-AT_REST = 1e-15  # relative to v0: a projected velocity that is smaller is set to zero
+AT_REST = 1e-15  # relative to q0 or v0: a projected state that is smaller is set to zero
 
 
 def begun(
@@ -104,20 +104,24 @@ def _projected(projection: Projection, place: PhasePoint) -> tuple[PhasePoint, s
     from solvers._projection import MAX_ITERATIONS, PROJECTED
 
     t, levels = place.t, projection.levels
-    q = projection.position(t, place.q, place.v)
+    q = _at_rest(projection.position(t, place.q, place.v), place.q)
     at = finite_levels(levels, t, q, place.v)
     if at.position.size and not np.max(at.scaled_position(size_of(q))) <= PROJECTED:
         message = f"no consistent position was found near q0: after {MAX_ITERATIONS} steps g = {at.position}"
         return Failure(Status.inconsistent_initial, message)
     v = projection.velocity(t, q, projection.velocity(t, q, place.v))  # twice: the first leaves roundoff of v0
-    if np.abs(v).max(initial=0.0) <= AT_REST * np.abs(place.v).max(initial=0.0):
-        v = np.zeros_like(v)
+    v = _at_rest(v, place.v)
     moved = PhasePoint(t, q, v)
     text = violations(finite_levels(levels, t, q, v), moved, PROJECTED)
     if text:
         return Failure(Status.inconsistent_initial, f"no consistent start was found near q0, v0: {text} remain")
     note = f"calc_initcond moved q0 by {np.max(np.abs(q - place.q)):.3g} and v0 by {np.max(np.abs(v - place.v)):.3g}."
     return moved, note
+
+
+def _at_rest(x: Vector, before: Vector) -> Vector:
+    """``x`` (n,), or zeros where it is roundoff of ``before``."""
+    return np.zeros_like(x) if np.abs(x).max(initial=0.0) <= AT_REST * np.abs(before).max(initial=0.0) else x
 
 
 def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: PhasePoint, guesses: Guesses) -> Failure | None:

@@ -406,6 +406,11 @@ class Problem(Printed):
         given |= {} if t_span is None else {"t_span": t_span}
         return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None)
 
+    def with_system(self, system: System | NumpySystem) -> Problem:
+        """Return this problem with another system, without guesses of multipliers and what belongs to one motion."""
+        none: dict[str, Any] = dict.fromkeys(("lam_guess", "mu_guess", "exact", "reference", "minimal"))
+        return dataclasses.replace(self, system=system, **none)
+
 
 class Solver(Protocol):
     """Interface of a solver: ``name``, ``accepts`` and ``solve``.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import html
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from hhtbench.solution.filled import Filled
 
 ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
 OF_FUNCTIONS = ("interpolant", "projection", "drift_of", "judge_of", "diagnosis_of")  #: its fields that call functions
-NOT_KEPT = (*OF_FUNCTIONS, "file")  #: its fields that a file does not hold
+NOT_KEPT = (*OF_FUNCTIONS, "phases", "file")  #: its fields that a file does not hold
 
 
 class Status(enum.Enum):
@@ -125,6 +125,30 @@ class Ends:
     carried: Mapping[str, Matrix] | None = None  #: as that of :class:`Solution`
 
 
+@dataclass(frozen=True, kw_only=True)
+class Impact:
+    """An impulse by an event: ``M (v after - v before)``, and the multipliers that give it."""
+
+    t: float  #: [s]
+    event: str  #: its name
+    impulse: Vector  #: (n,) [N s]
+    lam: Vector  #: (m,) of the position constraints of the system after it, as forces over time [N s]
+    mu: Vector  #: (p,) of the velocity constraints
+    contact: float  #: along the event's distance, where it has a restitution; else 0 [N s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """A part of a motion in which one system holds."""
+
+    system: Any
+    event: str  #: name of the event that began it; "" at the start
+    t: float  #: its start [s]
+    q: Vector  #: (n,) there
+    v: Vector  #: (n,) there, after the impact
+    rows: slice  #: its rows in the Solution
+
+
 class DenseOutput(NamedTuple):
     """Interpolated state: ``q, v`` (n,) at one time, (k, n) at k times."""
 
@@ -177,6 +201,9 @@ class Solution(Filled):
     t_events: tuple[Vector, ...] = ()  #: times of the events [s], (k,) for each event function asked for
     q_events: tuple[Matrix, ...] = ()  #: (k, n) at those times, before what an event changes
     v_events: tuple[Matrix, ...] = ()  #: (k, n) the same
+    #: where events changed the system; columns of ``lam`` and ``mu`` that a phase's system does not have are zero in it
+    phases: tuple[Phase, ...] = ()
+    impacts: tuple[Impact, ...] = ()  #: of events with ``restitution`` or ``then``
     #: dense output over the accepted steps
     interpolant: Callable[[Any], DenseOutput] | None = field(default_factory=lambda: None)
     #: projects dense output onto the constraints; not pickled
@@ -289,7 +316,7 @@ class Solution(Filled):
         """
         from hhtbench.solution.saved import read_arrays
 
-        found = read_arrays(path, (Status, Counters, StepsData, Ends, ErrorEstimate, DenseOutput))
+        found = read_arrays(path, (Status, Counters, StepsData, Ends, Impact, ErrorEstimate, DenseOutput))
         rows = [found.get(name) for name in ("t", *ROWS)]
         shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]
         typed = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)
@@ -298,7 +325,8 @@ class Solution(Filled):
         return cls(**found, file=str(path))
 
     def __getstate__(self) -> dict[str, Any]:
-        return super().__getstate__() | {"drift_of": None, "judge_of": None, "diagnosis_of": None}
+        none = {"drift_of": None, "judge_of": None, "diagnosis_of": None}
+        return super().__getstate__() | none | {"phases": tuple(replace(phase, system=None) for phase in self.phases)}
 
     def _repr_html_(self) -> str:
         rows = [f"<tr><th>{html.escape(name)}</th><td>{html.escape(value)}</td></tr>" for name, value in self._printed()]

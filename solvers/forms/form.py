@@ -124,7 +124,7 @@ def refusal(name: str, structure: Structure) -> str | None:
         There is no form of that name; the message names the closest.
     """
     _check_name(name)
-    if not structure.constrained and name not in ("index1", "ode"):
+    if not structure.constrained and name not in ("ggl", "index1", "ode"):  # where ggl is index1
         text = f"the form {name} treats constraints and the system has none"
         return f"{text}; take form=index1 (of CVODE, SciPy and diffrax: form=ode)."
     if name == "index3" and not structure.m:

@@ -236,7 +236,7 @@ def test_wrong_events_and_failures_are_those_of_hht():
 def test_a_projected_change_that_lets_the_motion_pass_stays_behind_its_zero(off):
     q, v = np.array([0.0, 0.6, -np.sqrt(16.0 - 0.36) + off]), np.array([0.0, 1.0, 0.0])
     dynamics = derive(Crane(), 0.0, q, v)
-    changes = Changes([BRAKE], dynamics, Work())
+    changes = Changes([BRAKE], [BRAKE], dynamics, Work())
     place = changes.point(0.0, q, v, 4.0, 1.0)
     after, known = changes.applied([Crossing(0, 0.0, -1, (0.0, 0.0))], place, 0.1)
     assert abs(after.q[1] - after.q[0] - 0.6) > 1e-12  # the projection has moved it off the zero, either way

@@ -22,11 +22,13 @@ from hhtbench.checks.drift.energy import (
     power_of_state,
     with_middles,
 )
+from hhtbench.checks.drift.joined import joined
+from hhtbench.checks.drift.record import Drift, Level
+from hhtbench.checks.phases import phases_of
 from hhtbench.checks.result.levels import Rows, at_rows, declared_sizes
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.printing import Printed
 from hhtbench.protocol.system import Problem, declared
 from hhtbench.solution.result import Ends, Solution, ends_of
 
@@ -50,59 +52,14 @@ class Own:
     mu: Matrix  #: (r, p)
 
 
-@dataclass(frozen=True)
-class Level:
-    """Drift at one level."""
-
-    t: Vector  #: (r,) [s]
-    value: Vector  #: (r,)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Drift(Printed):
-    """Drift at every state, divided by its scale; None for what does not exist."""
-
-    sampled: str  #: "steps" or "rows"
-    t: Vector  #: (k,) [s]
-    h: Vector | None  #: (k - 1,) lengths of the internal steps [s]
-    position: Vector | None  #: (k,)
-    velocity: Vector | None  #: (k,)
-    absolute: dict[str, float | None]  #: largest |g_i|, and |g_t + g_q v|_i or |k_i|, unscaled
-    energy: Vector | None  #: (k,) change of the energy that the declared power does not account for
-    energy_note: str | None  #: why there is none although an energy is declared
-    invariants: dict[str, Vector]  #: name -> (k,)
-    acceleration: Level | None  #: at times at which the solver holds multipliers of its own
-    acceleration_note: str | None  #: why there is none although the system is constrained, or where it is not known
-
-    def __repr__(self) -> str:
-        names = ("position", "velocity", "acceleration", "energy")
-        largest = {name: value for name, value in self.metrics().items() if name in names and value is not None}
-        largest |= self.metrics()["invariants"]
-        values = ", ".join(f"{name} {value:.2g}" for name, value in largest.items()) or "nothing that can drift"
-        return f"<Drift, largest over {self.t.size} {'states' if self.sampled == 'steps' else 'rows'}: {values}>"
-
-    def metrics(self) -> dict[str, Any]:
-        """Return ``metrics["drift"]`` of a row: maxima over time."""
-        values = {name: getattr(self, name) for name in ("position", "velocity", "energy")}
-        values["acceleration"] = None if self.acceleration is None else self.acceleration.value
-        largest = {name: None if value is None else np.max(value) for name, value in values.items()}
-        invariants = {name: np.max(values) for name, values in self.invariants.items()}
-        return {
-            **largest,
-            **self.absolute,
-            "invariants": invariants,
-            "sampled": self.sampled,
-            "points": int(self.t.size),
-            "acceleration_note": self.acceleration_note,
-            "energy_note": self.energy_note,
-        }
-
-
 def measure_drift(problem: Problem, solution: Solution) -> Drift | None:
     """Measure the drift over all internal steps if they are known (``ends_of``), else over rows; None if there is no state.
 
-    HHT's rows between steps are not used: they are projected onto the constraints and drift less than its steps.
+    HHT's rows between steps are not used: they are projected onto the constraints and drift less than its steps.  Where
+    events change the system, the drift of a phase is that since its start.
     """
+    if solution.phases:
+        return joined([found for one in phases_of(problem, solution) if (found := measure_drift(*one)) is not None])
     sampled, t, q, v = _states(solution)
     if t.size == 0:
         return None

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.checks.jumps import Jumps
+from hhtbench.checks.phases import phases_of
 from hhtbench.checks.result.allowed import allowed_errors
 from hhtbench.checks.result.between import bends, stand_out
 from hhtbench.checks.result.flow import Equations, NotJudged
@@ -59,11 +60,23 @@ def judge(problem: Problem, request: Request, solution: Any, *, draw: int = 0) -
     doubt = doubt_about(problem, request, solution)
     if doubt or not solution.success:
         return Judgement(doubt)
+    judged = [_judge_in_phase(*one, request, draw) for one in phases_of(problem, solution)]
+    wrong = next((one for one in judged if one.doubt), None)
+    if wrong is not None or len(judged) == 1:
+        return wrong or judged[0]
+    reasons = "; ".join(dict.fromkeys(one.not_judged for one in judged if one.not_judged))
+    windows, jumps = (tuple(x for one in judged for x in getattr(one, name)) for name in ("windows", "jumps"))
+    return Judgement("", windows, "" if any(window.judged for window in windows) else reasons, jumps)
+
+
+def _judge_in_phase(problem: Problem, solution: Solution, request: Request, draw: int) -> Judgement:
+    """Apply the checks that need the system of a motion."""
     try:
         doubt = wrong_columns(problem, solution) or unknown_without_reason(problem, solution)
         equations = Equations(problem)
         solution = _beside_jumps(problem, solution, equations.jumps)
-        for rows in filter(None, (solution, solution.ends)):
+        every: tuple[Any, ...] = solution, solution.ends
+        for rows in filter(None, every):
             doubt = doubt or violated(problem, request, (rows.t, rows.q, rows.v), deep=True)
         return Judgement(doubt) if doubt else _motion(problem, request, solution, equations, draw)
     except NotJudged as reason:

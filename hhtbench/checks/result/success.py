@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.checks.phases import phases_of
 from hhtbench.checks.result.levels import Rows, sizes_of, violated
 from hhtbench.lowering import CONSISTENT, ConstraintLevels, derive
 from hhtbench.protocol.arguments import Vector, all_finite
@@ -38,6 +39,14 @@ def check_success(problem: Problem, request: Request, solution: Any, clock: Cloc
     doubt = doubt_about(problem, request, solution)
     if doubt or not solution.success:
         return doubt
+    if solution.phases:
+        doubts = (_doubt_in_phase(*one, request, clock) for one in phases_of(problem, solution))
+        return next(filter(None, doubts), "")
+    return _doubt_in_phase(problem, solution, request, clock)
+
+
+def _doubt_in_phase(problem: Problem, solution: Solution, request: Request, clock: Clock | None) -> str:
+    """The checks that need the system of a motion."""
     doubt = wrong_columns(problem, solution) or _moved_start(problem, request, solution)
     if not doubt and not (all_finite(solution.lam) and all_finite(solution.mu)):
         from hhtbench.checks.result.unknown import unknown_without_reason  # few results have unknown multipliers

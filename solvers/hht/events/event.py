@@ -10,8 +10,12 @@ import numpy as np
 
 from hhtbench.protocol.arguments import Vector, positive_integer, real_number, real_values
 from hhtbench.protocol.errors import NonFiniteValue, ProblemError
+from hhtbench.protocol.system import NumpySystem, Signature, System, accepts
 from hhtbench.solution.counting import Work
 from solvers._finite import expect_finite
+
+STATE = Signature(("t", "q", "v"), ("",))
+MULTIPLIERS = Signature(("t", "q", "v", "lam", "mu"), ("",))
 
 
 @dataclass(frozen=True)
@@ -50,8 +54,20 @@ class Event:
         For messages; by default the function's own name.
     samples
         Points within a step at which the function is evaluated; limit the step by ``max_step`` where nothing else does.
+    restitution
+        From 0 to 1: the event is an impact on the zero of a distance, a function of t and q.  Its rate after the impact is
+        -restitution times the rate before; the impulse acts along the gradient of the distance and on the constraints.
+    then
+        The :class:`~hhtbench.System` of the motion after the event: constraints begin, end or change.  Velocities are
+        projected onto its constraints in the norm of the mass matrix, an impact without rebound.  With ``restitution`` the
+        motion rebounds until the rebounds can no longer be told apart in time, and only then goes on with this system.
+    during
+        The system, or a list of them, in whose motion the event is looked for; None: any.
     period
         Set by :meth:`every`.
+
+    A function ``(t, q, v, lam, mu)`` also takes the multipliers of the acceleration level: a contact ends where its force
+    does.  Such an event with a direction and ``then`` happens at once where a phase begins beyond its zero.
     """
 
     function: Callable[..., Any]
@@ -60,6 +76,9 @@ class Event:
     change: Callable[..., Any] | None = None
     name: str = ""
     samples: int = 4
+    restitution: float | None = None
+    then: System | NumpySystem | None = None
+    during: Any = None
     period: float = 0.0
 
     @classmethod
@@ -87,6 +106,36 @@ class Event:
         if not isinstance(self.name, str):
             raise TypeError(f"an event's name must be a string; got {self.name!r}.")
         positive_integer("an event's samples", self.samples)
+        if self.restitution is not None and not 0.0 <= real_number("an event's restitution", self.restitution) <= 1.0:
+            raise ProblemError(f"an event's restitution must be from 0 to 1; got {self.restitution}.")
+        if self.restitution is not None and self.change is not None:
+            raise ProblemError("an event has a restitution or a change, not both; change returns the state after an impact.")
+        for name, given in (("then", self.then), ("during", self.during)):
+            for system in given if isinstance(given, (list, tuple)) and name == "during" else (given,):
+                if system is not None and not isinstance(system, (System, NumpySystem)):
+                    expected = "must be a System, such as problem.system"
+                    raise TypeError(f"an event's {name} {expected}; got {type(system).__name__}.")
+
+    @property
+    def acts(self) -> bool:
+        """True if it changes the state or the system."""
+        return self.change is not None or self.restitution is not None or self.then is not None
+
+    @property
+    def takes_multipliers(self) -> bool:
+        """True if its function is one of (t, q, v, lam, mu)."""
+        return accepts(self.function, MULTIPLIERS) and not accepts(self.function, STATE)
+
+    @property
+    def between_steps(self) -> bool:
+        """True if no loop of a solver knows it: it is found between the steps, as those of any solver."""
+        declared = self.period or self.restitution is not None or self.then is not None or self.during is not None
+        return bool(declared) or self.takes_multipliers
+
+    def happens_in(self, system: Any) -> bool:
+        """True if it is looked for in the motion of ``system``."""
+        listed = self.during if isinstance(self.during, (list, tuple)) else [self.during]
+        return self.during is None or any(one is system for one in listed)
 
     def ends(self, count: int) -> bool:
         """True if occurrence number ``count`` stops the integration."""

@@ -80,7 +80,7 @@ def _crossings(
 
         if abs(before) == BESIDE:
             start, low = float(times[0]), _left(value, side, roundoff, low, high)
-            if low == start and event.change is None:
+            if low == start and not event.acts:
                 continue
         t = high if now == 0.0 else low if abs(value(low)) == BESIDE else zero(value, low, high)
         end = float(output.t[-1])
@@ -107,7 +107,7 @@ def together(events: Sequence[Event], times: Vector, values: Vector, found: Sequ
     result, known = [], {crossing.index for crossing in found}
     for index, part in enumerate(_parts(events)):
         (t0, t1), (before, now), start = times[part][-2:], values[part][-2:], times[part][0]
-        if t0 == t1 or index in known or events[index].change is None:
+        if t0 == t1 or index in known or not events[index].acts:
             continue
         soon = TOGETHER * EPS * max(abs(t1), abs(t1 - start))
         then = now + (now - before) * abs(soon / (t1 - t0))

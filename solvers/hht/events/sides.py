@@ -67,7 +67,7 @@ def _at_start(event: Event, state: Moving, h: float, work: Work) -> tuple[float,
     here = local_at(event, state, h, work)
     if abs(here.value) > max(ZERO * here.change, here.roundoff):
         return here.value, 0.0
-    held = event.change is not None and event.direction
+    held = event.acts and event.direction
     return (-event.direction if held else here.side) * BESIDE, max(here.roundoff, abs(here.value), BESIDE)
 
 

@@ -1,0 +1,98 @@
+"""The system that holds during a phase of a motion: its functions, its events, and the impact that begins it."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from hhtbench.lowering import Dynamics, padded, redundant_rows, route_of, unreduced
+from hhtbench.lowering.dynamics.rank import minimum_norm
+from hhtbench.lowering.scalar_compiler import native_call
+from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.printing import exact
+from hhtbench.protocol.system import Problem
+from hhtbench.solution.counting import Work
+from hhtbench.solution.result import Status
+from solvers._initcond import project
+from solvers._start import Failure, PhasePoint, dynamics_for, of_dynamics
+from solvers.eventful.changes import Changes
+from solvers.eventful.steps import Point
+from solvers.hht.events.event import Event
+from solvers.hht.events.functions import code_of
+from solvers.hht.events.sides import BESIDE
+
+NEAR = 1e-6  # displacement over the largest coordinate up to which a position meets the constraints that begin
+
+
+class PhaseFunctions:
+    """The functions and the events of a phase in which one system holds."""
+
+    def __init__(self, problem: Problem, events: Sequence[Event], place: PhasePoint, work: Work) -> None:
+        self.problem, self.work = problem, work
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # the solver warns of the same
+            self.dynamics: Dynamics = dynamics_for(problem.system, place)
+        self.declared = events
+        self.events = tuple(self._event(event) for event in events)
+        self.changes = Changes(events, self.events, self.dynamics, work)
+
+    def _event(self, event: Event) -> Event:
+        """``event`` as a function of (t, q, v), machine code where that is possible; without zeros in other phases."""
+        if not event.happens_in(self.problem.system):
+            return Event(_absent, name=event.name, samples=event.samples)
+        if event.takes_multipliers:
+            given: Callable[..., Any] = event.function
+            return replace(event, function=lambda t, q, v: given(t, q, v, *self.multipliers(t, q, v)))
+        n = self.dynamics.structure.n
+        code = None if route_of(self.dynamics) == "numpy" else code_of(event, self.dynamics, n)
+        if code is None:
+            return event
+        call: Any = native_call(code, ((), (n,), (n,)))
+        return replace(event, function=lambda t, q, v: call(t, q, v)[0])
+
+    def multipliers(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
+        """``lam`` (m,) and ``mu`` (p,) of the acceleration level, of least norm where rows are redundant."""
+        self.work.add("residual_evaluations")
+        found = of_dynamics(self.dynamics).acceleration.solve(t, q, v)
+        lam, mu = (x[0] for x in padded(self.dynamics, found.lam[None], found.mu[None]))
+        if redundant := redundant_rows(self.dynamics):
+            rows = of_dynamics(unreduced(self.dynamics)).levels.at(t, q, v).rows
+            lam, mu = np.split(minimum_norm(rows, np.concatenate([lam, mu]), redundant), [lam.size])
+        return lam, mu
+
+    def started(self, place: Point, event: Event, rtol: float) -> Point | Failure:
+        """``place`` with velocities that this system's constraints allow: an impact without rebound.
+
+        A Failure where its position does not meet them, up to ``NEAR`` or the relative tolerance.
+        """
+        where = f"after event {event.name!r} at t = {exact(place.t)}"
+        if not self.dynamics.structure.constrained:
+            return self.changes.point(place.t, place.q, place.v, place.size_q, place.size_v)
+        moved = project(self.dynamics, PhasePoint(place.t, place.q, place.v), self.work)
+        if isinstance(moved, Failure):
+            return Failure(moved.status, f"{where} the system that begins holds no state: {moved.message}")
+        q, v = moved[0].q, moved[0].v
+        off = np.abs(q - place.q)
+        if not np.max(off) <= max(NEAR, 2.0 * rtol) * max(1.0, place.size_q):
+            g = of_dynamics(unreduced(self.dynamics)).levels.at(place.t, place.q, place.v).position
+            i, row = int(np.argmax(off)), int(np.argmax(np.abs(g)))
+            text = f"its constraints do not hold there: g[{row}] = {g[row]:.3g}, and q[{i}] would move by {off[i]:.3g}"
+            return Failure(Status.inconsistent_initial, f"{where} {text}; let the event happen where they hold.")
+        return self.changes.point(place.t, q, v, place.size_q, place.size_v)
+
+    def passed(self, known: Vector) -> int | None:
+        """Number of the first event of forces that begins another phase and is beyond its zero at the start of this one."""
+        for index, event in enumerate(self.declared):
+            looked_for = event.takes_multipliers and event.happens_in(self.problem.system)
+            if looked_for and event.then is not None and known[index] * event.direction > BESIDE:
+                return index
+        return None
+
+
+def _absent(t: Any, q: Any, v: Any) -> float:
+    """Event function of an event that is not looked for."""
+    return 1.0
