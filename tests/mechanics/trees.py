@@ -14,7 +14,8 @@ def body(name, inside, pos="0 0 .5", euler="5 -10 20"):
 
 def link(name, mass="1.2"):
     tensor = 'ixx="0.03" iyy="0.04" izz="0.02" ixy="0.004" ixz="-0.003" iyz="0.002"'
-    return f'<link name="{name}"><inertial><origin xyz=".02 0 .1" rpy=".1 .2 0"/><mass value="{mass}"/><inertia {tensor}/></inertial></link>'
+    origin = '<origin xyz=".02 0 .1" rpy=".1 .2 0"/>'
+    return f'<link name="{name}"><inertial>{origin}<mass value="{mass}"/><inertia {tensor}/></inertial></link>'
 
 
 def joint(name, kind, parent, child, inside=""):
@@ -70,7 +71,8 @@ HIP = body(
 )
 POLAR = body(
     "boom",
-    '<joint name="swing" axis="0 0 1" armature=".3"/><joint name="reach" type="slide" axis="1 0 0" damping="3" armature=".6"/>'
+    '<joint name="swing" axis="0 0 1" armature=".3"/>'
+    '<joint name="reach" type="slide" axis="1 0 0" damping="3" armature=".6"/>'
     + BODY
     + body("fixed", FULL + body("tip", '<joint name="c" type="slide" axis="0 0 1"/><joint name="d" axis="0 0 1"/>' + FULL)),
 )
@@ -98,7 +100,7 @@ TREES = {
         + "".join(link(x) for x in "abcd")
         + "<link name='base'/><link name='tool'/>"
         + joint("j1", "continuous", "base", "a", '<dynamics damping="0.3" friction="0"/>')
-        + joint("j2", "prismatic", "a", "b", '<limit lower="0" upper="0" effort="0" velocity="1"/>')
+        + joint("j2", "prismatic", "a", "b", '<limit lower="-1" upper="1" effort="9" velocity="1"/>')
         + joint("j3", "fixed", "b", "c")
         + joint("j4", "continuous", "c", "d")
         + joint("j5", "fixed", "d", "tool")

@@ -185,7 +185,8 @@ class Composites(Forces):
     def couple(self, name: str, joint: str, other: str | None, polynomial: Any) -> str:
         """Coordinate of ``joint`` as a polynomial (5,) of that of ``other``, the constant first; both from the drawn pose.
 
-        Angles in space: if the polynomial is a slope that is a fraction, for any number of turns; else within half a turn.
+        Angles in space are within half a turn at the start; later they have any number of turns if the polynomial is a
+        slope that is a fraction.
         """
         self._expect_new(name)
         c = np.zeros(5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from numbers import Real
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,7 +16,7 @@ SIDES = "joint", "jointinparent"
 
 def controlled(m: Any, file: Any, controls: dict[str, Any]) -> None:
     """Add the actuators of ``file``; ``controls`` of those that are not given are 0."""
-    names = [file.name("actuator", i) for i in range(file.model.nactuator)]
+    names = [file.given("actuator", i) for i in range(file.model.nactuator)]
     for name in controls:
         if name not in names:
             raise ProblemError(f"there is no actuator {name!r}.{did_you_mean(name, names)}")
@@ -23,7 +24,7 @@ def controlled(m: Any, file: Any, controls: dict[str, Any]) -> None:
         return
     for i, name in enumerate(names):
         if not unmodelled_reason(file, i):
-            _add(m, file, i, name, controls.get(name, 0.0))
+            _add(m, file, i, controls.get(name, 0.0))
 
 
 def expect_coordinate(m: Any, file: Any, j: int) -> None:
@@ -66,10 +67,11 @@ def _bias(file: Any, i: int) -> Any:
     return file.model.actuator_biasprm[i, :3] * affine
 
 
-def _add(m: Any, file: Any, i: int, name: str, control: Any) -> None:
+def _add(m: Any, file: Any, i: int, control: Any) -> None:
     """``gear (gain u + b0 + b1 gear qpos + b2 gear qvel)`` on the coordinate, which is ``qpos`` less ``qpos0``."""
     model, j = file.model, int(file.model.actuator_trnid[i, 0])
-    joint, gear, bias = file.name("joint", j), model.actuator_gear[i], _bias(file, i)
+    name, joint = file.name("actuator", i), file.name("joint", j)
+    gear, bias = model.actuator_gear[i], _bias(file, i)
     limits = [
         model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] and not file.off("clampctrl") else (-np.inf, np.inf),
         model.actuator_forcerange[i] if model.actuator_forcelimited[i] else (-np.inf, np.inf),
@@ -96,9 +98,9 @@ def _law(control: Any, gear: float, gain: float, start: float, limits: Any) -> A
     numbers = [float(x) for x in (gear, gain, start, *limits[0], *limits[1])]
     if callable(control):
         return functools.partial(_effort_of, control, *numbers)
-    if isinstance(control, bool) or not np.isscalar(control) or not np.isfinite(float(control)):  # type: ignore[arg-type]
+    if isinstance(control, bool) or not isinstance(control, Real) or not np.isfinite(float(control)):
         raise ProblemError(f"a control must be a number or a function of time; got {control!r}.")
-    return functools.partial(_effort, float(control), *numbers)  # type: ignore[arg-type]
+    return functools.partial(_effort, float(control), *numbers)
 
 
 def _effort(u: Any, gear: Any, gain: Any, start: Any, low: Any, high: Any, least: Any, most: Any, t: Any) -> Any:

@@ -5,8 +5,10 @@ Source: E. Todorov and others, MuJoCo documentation, chapters Computation and XM
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from hhtbench.mechanics.multibody.controls import controlled, expect_coordinate
 from hhtbench.mechanics.multibody.parts import GROUND
 from hhtbench.protocol.errors import ProblemError
 
+NAMED = "body", "joint", "equality", "actuator"  # share one set of names in a mechanism
 FORMATS = {"mjcf": b"<mujoco", "urdf": b"<robot"}
 
 
@@ -23,14 +26,22 @@ def read(m: Any, path: Any, wanted: str, drop: Any, controls: Any, key: str | No
     mujoco, file = _mujoco(), Path(path)
     if not file.is_file():
         raise ProblemError(f"there is no file {str(path)!r}.")
-    text = file.read_bytes()
-    other = next((name for name, root in FORMATS.items() if name != wanted and root in text), None)
-    if other and FORMATS[wanted] not in text:
+    content = file.read_bytes()
+    other = next((name for name, root in FORMATS.items() if name != wanted and root in content), None)
+    if other and FORMATS[wanted] not in content:
         raise ProblemError(f"{file.name} is {other.upper()}: type Mechanism.from_{other}({str(path)!r}).")
+    if wanted == "urdf":
+        _expect_one_root(file)
+    before, said = mujoco.get_mju_user_warning(), list[str]()
+    mujoco.set_mju_user_warning(said.append)  # else it writes a log file where the process runs
     try:
         model = mujoco.MjModel.from_xml_path(str(file))
     except ValueError as e:
         raise ProblemError(f"{file.name}: {' '.join(str(e).split())}") from None
+    finally:
+        mujoco.set_mju_user_warning(before)
+    for text in said:
+        warnings.warn(f"{file.name}: {text.strip()}", stacklevel=4)
     try:
         unmodelled.expect_modelled(File(mujoco, model), file.name, drop)
         _fill(m, File(mujoco, model), {} if controls is None else controls)
@@ -39,6 +50,18 @@ def read(m: Any, path: Any, wanted: str, drop: Any, controls: Any, key: str | No
     except ProblemError as e:
         raise ProblemError(f"{file.name}: {e}") from None
     return m
+
+
+def _expect_one_root(file: Path) -> None:
+    """Raise if a URDF file has several root links: MuJoCo reads one of them."""
+    try:
+        robot = ElementTree.parse(file).getroot()
+    except ElementTree.ParseError as e:
+        raise ProblemError(f"{file.name}: {e}") from None
+    children = {child.get("link") for child in robot.findall("joint/child")}
+    roots = [str(link.get("name")) for link in robot.findall("link") if link.get("name") not in children]
+    if len(roots) > 1:
+        raise ProblemError(f"{file.name}: several roots: {', '.join(roots)}; the links of a robot are one tree.")
 
 
 def _mujoco() -> Any:
@@ -58,9 +81,18 @@ class File:
         mujoco.mj_comPos(model, self.data)
 
     def name(self, kind: str, i: int) -> str:
-        """Name of an element, or its kind and number."""
-        found = self.mujoco.mj_id2name(self.model, getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), int(i))
-        return found or f"{kind} {i}"
+        """Name of an element, with its kind if a body, joint or equality before has it; without one its kind and number."""
+        found = self.given(kind, i)
+        before = NAMED[: NAMED.index(kind)] if kind in NAMED else ()
+        taken = found == GROUND or any(self.mujoco.mj_name2id(self.model, self._kind(one), found) >= 0 for one in before)
+        return f"{found} {kind}" if taken else found
+
+    def given(self, kind: str, i: int) -> str:
+        """Name of an element in the file."""
+        return self.mujoco.mj_id2name(self.model, self._kind(kind), int(i)) or f"{kind} {i}"
+
+    def _kind(self, kind: str) -> Any:
+        return getattr(self.mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
 
     def body(self, i: int) -> str:
         """Name of the body that moves with body ``i``."""
@@ -96,8 +128,8 @@ def _fill(m: Any, file: File, controls: dict[str, Any]) -> None:
         _add_passive(m, file, j)
     controlled(m, file, controls)
     if not (file.off("equality") or file.off("constraint")):
-        for i in np.flatnonzero(model.eq_active0):
-            _add_equality(m, file, int(i))
+        for number in np.flatnonzero(model.eq_active0):
+            _add_equality(m, file, int(number))
 
 
 def _add_body(m: Any, file: File, root: int) -> None:

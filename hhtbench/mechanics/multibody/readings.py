@@ -115,6 +115,12 @@ def along(function: str, frame: Any, q: Any, *v: Any) -> Any:
     return jax.vmap(getattr(frame, function))(q, *v)
 
 
+def coordinate_of(m: Any, kind: str, row: Any, q: Any, v: Any) -> tuple[Any, Any]:
+    """Coordinate (k,) that ``row`` measures and its rate at states ``q, v`` (k, n)."""
+    value, rate = _coordinate(m.frame, kind, m.arrays([row]), jnp.asarray(q), jnp.asarray(v))
+    return np.asarray(value[:, 0]), np.asarray(rate[:, 0])
+
+
 class Reading:
     """Values at the times of a solution, (k, ...)."""
 
@@ -252,9 +258,7 @@ class CoordinateReading(JointReading):
     @cached_property
     def _motion(self) -> Any:
         kind, row = self._joint.measured
-        value, rate = (
-            np.asarray(x[:, 0]) for x in _coordinate(self._m.frame, kind, self._m.arrays([row]), *self._state[1:3])
-        )
+        value, rate = coordinate_of(self._m, kind, row, *self._state[1:3])
         return [value, value, rate]
 
     def _expect(self, what: str, *kinds: str) -> None:
@@ -365,9 +369,8 @@ def tabulated(m: Any, solution: Any) -> dict[str, Any]:
         add(name, BodyReading(m, solution, name).position())
     for name, joint in m.joints.items():
         if joint.measured is not None:
-            reading = CoordinateReading(m, solution, joint)
             kind = "travel" if joint.kind == "slide" else "angle"
-            add(f"{name}.{kind}", getattr(reading, kind)())
+            add(f"{name}.{kind}", getattr(CoordinateReading(m, solution, joint), kind)())
             continue
         reading = JointReading(m, solution, joint)
         if joint.base in TURNING:

@@ -18,7 +18,6 @@ from hhtbench.mechanics.multibody.frames import Plane, Space
 from hhtbench.mechanics.multibody.rows import FAMILIES, Rows, slip, turning
 from hhtbench.protocol.system import System, parameter
 
-
 ALL_FAMILIES: dict[str, Callable[..., Array]] = FAMILIES | {"couple": couple}
 MEASURED: dict[str, Callable[..., Array]] = MEASURES | {"drive": lambda at, one: one.measure(at)}
 
