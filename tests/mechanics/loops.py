@@ -25,7 +25,8 @@ def bar(name, pos, length, inside="", joint="", along="x"):
 
 
 def model(bodies, equality):
-    return f"<mujoco><option timestep='.001' gravity='3 1 -9'/><worldbody>{bodies}</worldbody><equality>{equality}</equality></mujoco>"
+    option = "<option timestep='.001' gravity='3 1 -9'/>"
+    return f"<mujoco>{option}<worldbody>{bodies}</worldbody><equality>{equality}</equality></mujoco>"
 
 
 FOUR_BAR = model(

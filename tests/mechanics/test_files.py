@@ -232,3 +232,21 @@ def test_a_model_of_one_file_has_no_warnings(tmp_path):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         Mechanism.from_mjcf(written(tmp_path, mjcf(body("p", '<joint name="j"/>' + BODY))))
+
+
+@pytest.mark.parametrize("order", [("slide", "hinge"), ("hinge", "slide")])
+def test_reactions_of_a_composite_carry_its_body(order, tmp_path):
+    """Newton and Euler about the centre, for slides before and behind the hinge."""
+    kinds = {"slide": '<joint name="s" type="slide" axis="1 0 0"/>', "hinge": '<joint name="h" axis="0 1 0"/>'}
+    m = Mechanism.from_mjcf(written(tmp_path, mjcf(body("p", kinds[order[0]] + kinds[order[1]] + FULL))))
+    m.assemble(at={"s": 0.2, "h": 0.4}, rates={"s": 1.0, "h": 2.0})
+    run = hb.solve(m.problem((0, 0.5)), "projected", rtol=1e-9)
+    joint, read, given = m.of(run, "+".join(kind[0] for kind in order)), m.of(run, "p"), m.bodies["p"]
+    R, w = read.rotation(), read.rate()
+    J = R @ given.inertia @ R.transpose(0, 2, 1)
+    force = given.mass * (read.acceleration() - m.gravity)
+    spin = np.einsum("kab,kb->ka", J, w)
+    torque = np.einsum("kab,kb->ka", J, read.angular_acceleration()) + np.cross(w, spin)
+    at = read.position(m.joints["+".join(kind[0] for kind in order)].points[1])
+    np.testing.assert_allclose(joint.force(), force, atol=1e-9)
+    np.testing.assert_allclose(joint.torque() + np.cross(at - read.position(), joint.force()), torque, atol=1e-9)

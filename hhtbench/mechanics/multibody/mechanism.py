@@ -50,8 +50,9 @@ class Mechanism(Composites):
 
         It is drawn at MuJoCo's ``qpos0``, from which angles and travels count: they are ``qpos`` less ``ref``.  Equalities
         connect, weld and joint hold exactly; ``solref`` and ``solimp`` are not used.  Bodies without joints are part of
-        those that carry them.  A joint or actuator whose name a body or joint has gets its kind behind it: ``"hip actuator"``.
-        Call :meth:`assemble` where equalities do not fit the pose.  MuJoCo reads the file: ``pip install 'hhtbench[mujoco]'``.
+        those that carry them.  A joint or actuator with the name of a body or joint gets its kind behind it, as
+        ``"hip actuator"``.  Call :meth:`assemble` where equalities do not fit the pose.  MuJoCo reads the file:
+        ``pip install 'hhtbench[mujoco]'``.
 
         Parameters
         ----------
