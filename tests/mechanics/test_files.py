@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 import warnings
 from pathlib import Path
 
@@ -247,6 +248,14 @@ def test_reactions_of_a_composite_carry_its_body(order, tmp_path):
     force = given.mass * (read.acceleration() - m.gravity)
     spin = np.einsum("kab,kb->ka", J, w)
     torque = np.einsum("kab,kb->ka", J, read.angular_acceleration()) + np.cross(w, spin)
-    at = read.position(m.joints["+".join(kind[0] for kind in order)].points[1])
+    point = m.joints["+".join(kind[0] for kind in order)].points[1]
+    np.testing.assert_allclose(point, [-0.1, -0.02, -0.05], atol=1e-12)  # the joints' point, the origin of the body's frame
+    at = read.position(point)
     np.testing.assert_allclose(joint.force(), force, atol=1e-9)
     np.testing.assert_allclose(joint.torque() + np.cross(at - read.position(), joint.force()), torque, atol=1e-9)
+
+
+def test_without_mujoco_the_message_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(ImportError, match=r"pip install 'hhtbench\[mujoco\]'"):
+        Mechanism.from_mjcf(written(tmp_path, mjcf(body("p", f'<joint name="j"/>{BALL}'))))
