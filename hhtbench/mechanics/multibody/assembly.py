@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse.csgraph import connected_components
 
-from hhtbench.mechanics.multibody.readings import along, moves
+from hhtbench.mechanics.multibody.readings import along, coordinate_of, moves
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.runtime.disk_cache import use_disk_cache
 
@@ -143,10 +143,13 @@ def _counted(m: Any, q: Any, near: dict[str, float]) -> dict[str, tuple[float, f
     """Angle and travel of every joint by name; in space the angles within half a turn of ``near``."""
     angle, travel, _ = moves(m, q, q) if m.joints else (np.zeros((1, 0)),) * 3
     turns = [0 if m.plane else round((near[name] - a) / (2 * math.pi)) for name, a in zip(m.joints, angle[0], strict=True)]
-    return {
+    found = {
         name: (float(a) + 2 * math.pi * k, float(s))
         for name, a, k, s in zip(m.joints, angle[0], turns, travel[0], strict=True)
     }
+    measured = {name: joint.measured for name, joint in m.joints.items() if joint.measured is not None}
+    values = {name: float(coordinate_of(m, kind, row, q[None], q[None])[0][0]) for name, (kind, row) in measured.items()}
+    return found | {name: (value, value) for name, value in values.items()}
 
 
 def _slides(m: Any, name: str) -> int:
@@ -171,6 +174,7 @@ def _eased(m: Any, values: dict[str, float], now: dict[str, tuple[float, float]]
         family, number = joint.rows[0]
         (trial._travel if family == "slide" else trial._turn)(joint, None, value=values[name])
         trial.rows[family][number] = trial.rows[family].pop()
+    trial.rows["couple"] = [replace(row, more=row.more | {"teeth": 1}) for row in m.rows.get("couple", [])]
     for family in ("gear", "screw") if not m.plane else ():
         for part in (family, f"{family} other"):
             for i, row in enumerate(m.rows.get(part, [])):
@@ -187,6 +191,9 @@ def _held(m: Any, values: dict[str, float]) -> Any:
     trial = _copied(m)
     for name, value in values.items():
         joint = _moving_joint(m, name)
+        if joint.measured is not None:
+            trial.couple(f"assembled {name}", name, None, [value])
+            continue
         row = (trial._travel if joint.kind == "prismatic" else trial._turn)(joint, None, value=value)
         trial.joints[f"assembled {name}"] = trial._on(joint, f"assembled {name}", "motor", [row])
     return trial
@@ -200,7 +207,7 @@ def _copied(m: Any) -> Any:
 
 
 def _moving_joint(m: Any, name: str) -> Any:
-    return m._find(name, "revolute", "prismatic", "cylindrical")
+    return m._find(name, "revolute", "prismatic", "cylindrical", "hinge", "slide", "tilt")
 
 
 def _weight(M: Any) -> Any:

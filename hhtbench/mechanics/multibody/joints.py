@@ -34,6 +34,7 @@ class Joints(Parts):
         at: Any,
         at_second: Any = None,
         frame: Any = None,
+        frame_second: Any = None,
         *,
         point: bool = False,
         dots: Sequence[tuple[int, int]] = (),
@@ -49,8 +50,9 @@ class Joints(Parts):
         a = self._vector(f"at of joint {name!r}", at)
         b = a if at_second is None else self._vector(f"at_second of joint {name!r}", at_second)
         e = np.eye(self.dimension) if frame is None else frame
+        f = e if frame_second is None else frame_second
         rows = [self.row("point", first, second, a=a, b=b)] if point else []
-        rows += [self.row("dot", first, second, u=e[:, i], w=e[:, j]) for i, j in dots]
+        rows += [self.row("dot", first, second, u=e[:, i], w=f[:, j]) for i, j in dots]
         rows += [self.row("slide", first, second, a=a, b=b, u=e[:, i]) for i in slides]
         (x1, R1, angle1), (x2, R2, angle2) = self.pose(first), self.pose(second)
         self.joints[name] = Joint(
@@ -61,7 +63,7 @@ class Joints(Parts):
             second=second,
             rows=rows,
             points=(R1.T @ (a - x1), R2.T @ (b - x2)),
-            frames=(R1.T @ e, R2.T @ e),
+            frames=(R1.T @ e, R2.T @ f),
             drawn=angle2 - angle1,
         )
         if locked:
@@ -154,10 +156,20 @@ class Joints(Parts):
             slides=(2,),
         )
 
-    def weld(self, name: str, first: str, second: str, at: Any, *, at_second: Any = None) -> str:
-        """Rigid joint."""
+    def weld(
+        self,
+        name: str,
+        first: str,
+        second: str,
+        at: Any,
+        *,
+        at_second: Any = None,
+        axes: Any = None,
+        axes_second: Any = None,
+    ) -> str:
+        """Rigid joint; frames ``axes`` and ``axes_second`` (3, 3), as columns in space, coincide if they are given."""
         dots = () if self.plane else ((0, 2), (1, 2))
-        return self._joint("weld", name, first, second, at, at_second, point=True, dots=dots, locked=True)
+        return self._joint("weld", name, first, second, at, at_second, axes, axes_second, point=True, dots=dots, locked=True)
 
     def distance(self, name: str, first: str, second: str, at: Any, at_second: Any, length: float | None = None) -> str:
         """Massless rod from ``at`` of the first to ``at_second`` of the second, of ``length`` [m] or as drawn."""

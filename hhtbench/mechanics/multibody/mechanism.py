@@ -4,26 +4,29 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from hhtbench.mechanics.lines import chain
 from hhtbench.mechanics.multibody import assembly
-from hhtbench.mechanics.multibody.elements import MEASURES, Contacts, Loads, Springs, Tyres
-from hhtbench.mechanics.multibody.forces import Forces, column
+from hhtbench.mechanics.multibody.composites import Composites
+from hhtbench.mechanics.multibody.drives import Couples, Drives, Swivels
+from hhtbench.mechanics.multibody.elements import Contacts, Loads, Springs, Tyres
+from hhtbench.mechanics.multibody.forces import column
 from hhtbench.mechanics.multibody.frames import quaternion
 from hhtbench.mechanics.multibody.parts import GROUND
-from hhtbench.mechanics.multibody.readings import BodyReading, ElementReading, JointReading, tabulated
-from hhtbench.mechanics.multibody.rows import FAMILIES, Curves, Gears, Rolling, of_time
-from hhtbench.mechanics.multibody.system import Multibody
+from hhtbench.mechanics.multibody.readings import BodyReading, CoordinateReading, ElementReading, JointReading, tabulated
+from hhtbench.mechanics.multibody.rows import Curves, Gears, Rolling, of_time
+from hhtbench.mechanics.multibody.system import ALL_FAMILIES, MEASURED, Multibody
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.system import Problem
 
 APART = 1e8  # ratio of masses beyond which one of them is likely in another unit
 
 
-class Mechanism(Forces):
+class Mechanism(Composites):
     """Bodies, joints and forces by name, which become a :class:`~hhtbench.protocol.system.Problem` for every solver.
 
     Coordinates are absolute: 7 of every body in space, 3 with ``plane=True``, where planar mechanisms belong: in space their
@@ -38,6 +41,44 @@ class Mechanism(Forces):
         self.made: Multibody | None = None  #: system of the latest problem, which solutions are read by
         self.gravity = down if gravity is None else self._vector("gravity", gravity)
         self.invariants: dict[str, Callable[[Multibody, Any, Any], Any]] = {}
+
+    @classmethod
+    def from_mjcf(
+        cls, path: Any, *, drop: Any = (), controls: dict[str, Any] | None = None, key: str | None = None
+    ) -> Mechanism:
+        """Mechanism of an MJCF file: its bodies, joints, springs, dampers, armature, motors and equalities by their names.
+
+        It is drawn at MuJoCo's ``qpos0``, from which angles and travels count: they are ``qpos`` less ``ref``.  Equalities
+        connect, weld and joint hold exactly; ``solref`` and ``solimp`` are not used.  Bodies without joints are part of
+        those that carry them.  A joint or actuator with the name of a body or joint gets its kind behind it, as
+        ``"hip actuator"``.  Call :meth:`assemble` where equalities do not fit the pose.  MuJoCo reads the file:
+        ``pip install 'hhtbench[mujoco]'``.
+
+        Parameters
+        ----------
+        drop
+            Kinds of what is not modelled and shall be left out, such as ``["contacts", "limits"]``; True: all of them.
+        controls
+            Controls of actuators by name: numbers, or functions of time in ``jax.numpy``; 0 of those not named.
+        key
+            Name of the keyframe to start at.
+
+        Raises
+        ------
+        ProblemError
+            The file has an error, or what is not modelled; the text names it.
+        """
+        return cls._read(path, "mjcf", drop, controls, key)
+
+    @classmethod
+    def from_urdf(cls, path: Any, *, drop: Any = (), controls: dict[str, Any] | None = None) -> Mechanism:
+        """Mechanism of a URDF file, see :meth:`from_mjcf`; the root link is fixed, as MuJoCo reads it."""
+        return cls._read(path, "urdf", drop, controls, None)
+
+    @classmethod
+    def _read(cls, *given: Any) -> Mechanism:
+        found: Mechanism = import_module("hhtbench.mechanics.multibody.files").read(cls(), *given)
+        return found
 
     def system(self) -> Multibody:
         """Make the system of equations."""
@@ -55,9 +96,10 @@ class Mechanism(Forces):
             j0=j0,
             gravity=self.gravity,
             flat=self.plane,
-            joints={name: self._family(name) for name in FAMILIES if name in given},
-            elements={kind: self._elements(kind) for kind in MEASURES if kind in given},
+            joints={name: self._family(name) for name in ALL_FAMILIES if name in given},
+            elements={kind: self._elements(kind) for kind in MEASURED if kind in given},
             loads=self._loads() if "load" in given else None,
+            swivels=self._swivels() if "swivel" in given else None,
             speeds=self.rows_of("speed") if "speed" in given else None,
             turns=[joint.turns for joint in self.joints.values()],
             kept=tuple(self.invariants.items()),
@@ -84,6 +126,9 @@ class Mechanism(Forces):
             )
         if name == "curve":
             return Curves(made, tuple(row.more["function"] for row in rows))
+        if name == "couple":
+            values = {key: np.array([row.more[key] for row in rows], float) for key in ("polynomial", "teeth")}
+            return Couples(made, self.rows_of("couple other"), kinds=tuple(row.more["kinds"] for row in rows), **values)
         if name == "rolling":
             return Rolling(made, radius=column(rows, "radius"), across=column(rows, "across"))
         return made
@@ -96,8 +141,15 @@ class Mechanism(Forces):
             made_of = Tyres if kind == "tyre" else Contacts
             return made_of(made, **values, balls=kind == "ball", rubs=bool(values["rub"][:, 0].any()))
         axes = column(rows, "axes") if kind == "bushing" else 0.0
+        if kind == "drive":
+            numbers = {name: column(rows, name) for name in ("stiffness", "damping", "free", "inertia")}
+            return Drives(made, kinds=tuple(row.more["kind"] for row in rows), **numbers)
         springs = {name: column(rows, name).ravel() for name in ("stiffness", "damping", "free")}
         return Springs(rows=made, axes=axes, **springs)
+
+    def _swivels(self) -> Swivels:
+        rows = self.rows["swivel"]
+        return Swivels(self.rows_of("swivel"), damping=column(rows, "damping"), inertia=column(rows, "inertia"))
 
     def _loads(self) -> Loads:
         rows = self.rows["load"]
@@ -155,14 +207,16 @@ class Mechanism(Forces):
 
     def of(self, solution: Any, name: str) -> Any:
         """What ``solution`` tells of a joint, motor, body, spring, bushing, contact or tyre: forces, poses, energies."""
+        if name in self.joints and self.joints[name].measured is not None:
+            return CoordinateReading(self, solution, self.joints[name])
         if name in self.joints:
             return JointReading(self, solution, self.joints[name])
         if name in self.bodies:
             return BodyReading(self, solution, name)
-        if name in self.forces and self.forces[name].kind != "load":
+        if name in self.forces and self.forces[name].kind not in ("load", "swivel"):
             return ElementReading(self, solution, self.forces[name])
         if name in self.forces:
-            raise ProblemError(f"load {name!r} is given, not found: there is nothing to read of it.")
+            raise ProblemError(f"{self.forces[name].kind} {name!r} is given, not found: there is nothing to read of it.")
         known = [*self.joints, *self.bodies, *self.forces]
         raise ProblemError(f"there is no joint, body or force {name!r}.{did_you_mean(name, known)}")
 
@@ -204,7 +258,7 @@ class Mechanism(Forces):
     def rows_by_joint(self) -> dict[str, Any]:
         """Numbers of the rows of every joint among the position constraints."""
         start, sizes = 0 if self.plane else len(self.bodies), {}
-        for family in FAMILIES:
+        for family in ALL_FAMILIES:
             for i, row in enumerate(self.rows.get(family, [])):
                 count = {"point": self.dimension, "curve": row.more.get("count", 1)}.get(family, 1)
                 sizes[family, i] = np.arange(start, start + count)

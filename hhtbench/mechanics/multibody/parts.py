@@ -46,6 +46,7 @@ class Joint:
     frames: tuple[Any, Any]  #: columns x, y, z = axis, likewise
     base: str  #: kind of the joint itself, or of the joint that a motor, gear or screw acts on
     drawn: float = 0.0  #: angle of the second less that of the first where it was drawn, in the plane
+    measured: Any = None  #: measure and row of the coordinate of one joint of a composite
     turns: int = 0  #: whole turns of the present pose, which poses in space do not show
 
 

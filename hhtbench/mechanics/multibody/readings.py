@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from hhtbench.mechanics.forces import rates
+from hhtbench.mechanics.multibody.drives import coordinates
 from hhtbench.mechanics.multibody.parts import GROUND, Joint
 from hhtbench.mechanics.multibody.rows import Rows, angles, travels, turning
 from hhtbench.protocol.errors import ProblemError, did_you_mean
@@ -82,6 +84,12 @@ def _jacobians(system: Any, t: Any, q: Any, v: Any) -> Any:
 
 
 @eqx.filter_jit
+def _coordinate(frame: Any, kind: str, rows: Rows, q: Any, v: Any) -> Any:
+    """Coordinates (k, 1) and their rates at k times."""
+    return jax.vmap(lambda q, v: rates(lambda y: coordinates(frame.placed(y), rows, (kind,)), q, v))(q, v)
+
+
+@eqx.filter_jit
 def _measured(system: Any, kind: str, q: Any, v: Any) -> Any:
     """Measures, their rates and tensions (k, j) of all elements of a kind at k times."""
 
@@ -105,6 +113,12 @@ def _cross(lever: Any, force: Any) -> Any:
 def along(function: str, frame: Any, q: Any, *v: Any) -> Any:
     """Values (k, ...) of ``function`` of (q, v) at k times."""
     return jax.vmap(getattr(frame, function))(q, *v)
+
+
+def coordinate_of(m: Any, kind: str, row: Any, q: Any, v: Any) -> tuple[Any, Any]:
+    """Coordinate (k,) that ``row`` measures and its rate at states ``q, v`` (k, n)."""
+    value, rate = _coordinate(m.frame, kind, m.arrays([row]), jnp.asarray(q), jnp.asarray(v))
+    return np.asarray(value[:, 0]), np.asarray(rate[:, 0])
 
 
 class Reading:
@@ -238,6 +252,24 @@ class JointReading(Reading):
         return self._motion[1]
 
 
+class CoordinateReading(JointReading):
+    """Angle or travel of one joint of a composite, whose reaction is that of the composite."""
+
+    @cached_property
+    def _motion(self) -> Any:
+        kind, row = self._joint.measured
+        value, rate = coordinate_of(self._m, kind, row, *self._state[1:3])
+        return [value, value, rate]
+
+    def _expect(self, what: str, *kinds: str) -> None:
+        kind = self._joint.measured[0]
+        if (what == "travel") != (kind == "travel") and what != "rate":
+            raise ProblemError(f"joint {self._joint.name!r} is a {self._joint.kind}: it has no {what}.")
+
+    def _wrench(self, on: str | None) -> tuple[Any, Any]:
+        raise ProblemError(f"joint {self._joint.name!r} is one of a composite; read the force of that.")
+
+
 class BodyReading(Reading):
     """Pose, velocities, accelerations and energy of a body."""
 
@@ -336,6 +368,10 @@ def tabulated(m: Any, solution: Any) -> dict[str, Any]:
     for name in m.bodies:
         add(name, BodyReading(m, solution, name).position())
     for name, joint in m.joints.items():
+        if joint.measured is not None:
+            kind = "travel" if joint.kind == "slide" else "angle"
+            add(f"{name}.{kind}", getattr(CoordinateReading(m, solution, joint), kind)())
+            continue
         reading = JointReading(m, solution, joint)
         if joint.base in TURNING:
             add(f"{name}.angle", reading.angle())

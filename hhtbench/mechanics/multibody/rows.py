@@ -57,6 +57,12 @@ class Rows(eqx.Module):
     def __len__(self) -> int:
         return len(self.first)
 
+    def part(self, chosen: Any) -> Rows:
+        """The rows numbered ``chosen`` (i,)."""
+        pairs = [tuple(bodies[i] for i in chosen) for bodies in (self.first, self.second, self.laws)]
+        values = {name: jnp.asarray(getattr(self, name))[chosen] for name in ("a", "b", "u", "w", "y", "value")}
+        return Rows(first=pairs[0], second=pairs[1], laws=pairs[2], **values)
+
     def points(self, at: Placed) -> tuple[Array, Array]:
         """Points (j, d) of the first and of the second bodies in space."""
         return at.point(self.first, self.a), at.point(self.second, self.b)
@@ -75,8 +81,8 @@ def point(at: Placed, rows: Rows, t: Any) -> Array:
 
 
 def dot(at: Placed, rows: Rows, t: Any) -> Array:
-    """Scalar products of directions ``u`` and ``w``, (j,)."""
-    return jnp.sum(at.along(rows.first, rows.u) * at.along(rows.second, rows.w), axis=1)
+    """Scalar products of directions ``u`` and ``w`` less ``value``, (j,)."""
+    return jnp.sum(at.along(rows.first, rows.u) * at.along(rows.second, rows.w), axis=1) - rows.value
 
 
 def slide(at: Placed, rows: Rows, t: Any) -> Array:

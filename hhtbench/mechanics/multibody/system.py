@@ -11,10 +11,15 @@ import jax.numpy as jnp
 from jax import Array
 
 from hhtbench.mechanics import forces, plane, space
+from hhtbench.mechanics.multibody import drives
+from hhtbench.mechanics.multibody.drives import Swivels, couple
 from hhtbench.mechanics.multibody.elements import MEASURES, Loads, Measure
 from hhtbench.mechanics.multibody.frames import Plane, Space
 from hhtbench.mechanics.multibody.rows import FAMILIES, Rows, slip, turning
 from hhtbench.protocol.system import System, parameter
+
+ALL_FAMILIES: dict[str, Callable[..., Array]] = FAMILIES | {"couple": couple}
+MEASURED: dict[str, Callable[..., Array]] = MEASURES | {"drive": lambda at, one: one.measure(at)}
 
 
 class Multibody(System):
@@ -28,6 +33,7 @@ class Multibody(System):
     joints: dict[str, Any] = eqx.field(default_factory=dict)  #: rows of position constraints, by family
     elements: dict[str, Any] = eqx.field(default_factory=dict)  #: springs and contacts, by kind
     loads: Loads | None = None
+    swivels: Swivels | None = None  #: rotors, dampers and motors of ball joints
     speeds: Rows | None = None  #: prescribed rates
     turns: Any = parameter((), doc="whole turns of the joints at the start, for readings")
     moves: bool = eqx.field(static=True, default=False)  #: whether motors prescribe positions
@@ -41,7 +47,8 @@ class Multibody(System):
     @property
     def mass_matrix(self) -> Any:
         """Diagonal (3 k,) in the plane; in space a function of (t, q), a block for each body."""
-        return plane.mass_of_bodies(self.m, self.J) if self.flat else self._mass
+        rotors = bool(self._drives)
+        return plane.mass_of_bodies(self.m, self.J) if self.flat and not rotors else self._mass
 
     @property
     def constraint(self) -> Any:
@@ -56,7 +63,7 @@ class Multibody(System):
     @property
     def power(self) -> Any:
         """Function of (t, q, v, lam, mu): power [W] of dampers, friction, loads and motors; None if there are none."""
-        conserved = not (self.elements or self.moves) and self.loads is None and self.speeds is None
+        conserved = not (self.elements or self.moves or self._drives) and self.loads is None and self.speeds is None
         return None if conserved else self._power
 
     @property
@@ -72,11 +79,14 @@ class Multibody(System):
             total = space.force_on_bodies(q, v, self.m, self.J, self.gravity)
         for kind, element in self.elements.items():
             total = total + forces.force_of(self._measure(kind), element.law, q, v)
+        for one in self._drives:
+            total = total + drives.inertial_force(one, self.frame, q, v)
         return total + self._applied(t, q, v)
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
         """Kinetic energy and energy of weight, springs and contacts [J]."""
         total = (plane if self.flat else space).energy_of_bodies(q, v, self.m, self.J, self.gravity)
+        total = total + sum(drives.kinetic_energy(one, self.frame, q, v) for one in self._drives)
         return total + sum(element.energy(self._measure(kind)(q)) for kind, element in self.elements.items())
 
     def measured(self, kind: str, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -85,12 +95,21 @@ class Multibody(System):
         return value, rate, self.elements[kind].law(value, rate)
 
     def _mass(self, t: Any, q: Any) -> Array:
-        return space.mass_of_bodies(q, self.m, self.J, self.j0)
+        if self.flat:
+            total = jnp.diag(plane.mass_of_bodies(self.m, self.J))
+        else:
+            total = space.mass_of_bodies(q, self.m, self.J, self.j0)
+        return total + sum(drives.mass(one, self.frame, q) for one in self._drives)
+
+    @property
+    def _drives(self) -> list[Any]:
+        both = self.elements.get("drive"), self.swivels
+        return [one for one in both if one is not None]
 
     def _rows(self, t: Any, q: Any) -> Array:
         at = self.frame.placed(q)
         parts = [
-            family(at, self.joints[name], t) for name, family in FAMILIES.items() if name in self.joints
+            family(at, self.joints[name], t) for name, family in ALL_FAMILIES.items() if name in self.joints
         ]  # JAX sorts dicts
         return jnp.concatenate([self.frame.own_rows(q), *parts])
 
@@ -106,6 +125,8 @@ class Multibody(System):
     def _applied(self, t: Any, q: Any, v: Any) -> Array:
         """Loads and friction (n,)."""
         total = jnp.zeros_like(q) if self.loads is None else self.loads.generalised(self.frame, t, q)
+        for one in self._drives:
+            total = total + drives.applied(one, self.frame, t, q, v)
         for element in self.elements.values():
             if getattr(element, "rubs", False):
                 total = total + element.friction(self.frame, q, v)
@@ -123,4 +144,4 @@ class Multibody(System):
         return total
 
     def _measure(self, kind: str) -> Measure:
-        return lambda q: MEASURES[kind](self.frame.placed(q), self.elements[kind])
+        return lambda q: MEASURED[kind](self.frame.placed(q), self.elements[kind])
