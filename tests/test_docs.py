@@ -18,6 +18,7 @@ from scipy.integrate import solve_ivp
 import hhtbench as hb
 from hhtbench.campaign import analysis
 from hhtbench.cli.main import main
+from tests.eventful.test_switches import stick_slip
 
 mpl.use("agg")
 DOCS = Path(__file__).parent.parent / "docs"
@@ -117,9 +118,16 @@ def test_the_bead_of_the_page_moves_as_its_equation_of_the_angle_says(capsys):
 
 
 def test_the_ball_of_the_page_bounces_when_free_fall_says(capsys):
-    found, fall = run_page("events.md")["solution"], np.sqrt(2 / 9.81)
+    scope, fall = run_page("events.md"), np.sqrt(2 / 9.81)
+    found = scope["solution"]
     np.testing.assert_allclose(found.t_events[0], [fall, 2 * fall, 2.5 * fall], atol=1e-6)
     np.testing.assert_allclose(found.t_events[1], [1.5 * fall, 2.25 * fall, 2.625 * fall], atol=1e-6)
+    rest, slipped = scope["rest"], scope["slipped"]
+    assert rest.phases[1].t == pytest.approx(3 * fall, abs=1e-2)
+    assert rest.lam[-1, 0] == pytest.approx(-9.81)
+    (breaks, sticks) = stick_slip(2)
+    np.testing.assert_allclose(slipped.t_events[0][:2], breaks, atol=1e-6)
+    np.testing.assert_allclose(slipped.t_events[1][:2], sticks, atol=1e-6)
 
 
 def test_the_cart_and_the_slider_of_the_page_move_as_integrations_of_their_own_say(capsys):

@@ -203,7 +203,9 @@ def test_a_bar_is_caught_and_let_go(solver):
     impact = found.impacts[0]
     np.testing.assert_allclose(impact.impulse, -rows.T @ impact.lam, atol=1e-10)
     let = found.phases[2]
-    np.testing.assert_allclose(let.v, found.v_events[1][0], atol=1e-12)  # what is let go keeps its velocity
+    np.testing.assert_allclose(
+        let.v, found.v_events[1][0], atol=1e-7 if solver == "cvode" else 1e-12
+    )  # what is let go keeps its velocity
     assert found.lam.shape[1] == 6
     np.testing.assert_allclose(found.lam[let.rows, 4:], 0.0)
     drift = found.drift()
