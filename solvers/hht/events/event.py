@@ -60,7 +60,7 @@ class Event:
     then
         The :class:`~hhtbench.System` of the motion after the event: constraints begin, end or change.  Velocities are
         projected onto its constraints in the norm of the mass matrix, an impact without rebound.  With ``restitution`` the
-        motion rebounds until rebounds follow one another within the resolution of time, and only then goes on with this system.
+        motion goes on with it once its rebounds follow one another within the resolution of time.
     during
         The system, or a list of them, in whose motion the event is looked for; None: any.
     period
