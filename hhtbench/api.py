@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.catalogue.registry import load_problem, load_solver
+from hhtbench.catalogue.registry import load_problem, load_solver, with_events
 from hhtbench.checks.result.success import check_success
 from hhtbench.protocol.errors import BudgetSpent
 from hhtbench.protocol.system import Problem, Solver
@@ -44,8 +44,8 @@ def solve(
         settings until they show that it is met (:func:`hhtbench.checks.accuracy.solve_to`).  None: one run with the
         requested tolerances or steps.
     events
-        :class:`hhtbench.Event` or callables ``(t, q, v)``, one or a list.  HHT and the solvers that share its loop have
-        their own; for others they are found between the ends of their steps.
+        :class:`hhtbench.Event` or callables ``(t, q, v)``, one or a list; None: those of the problem.  HHT and the solvers
+        that share its loop have their own; for others they are found between the ends of their steps.
     t_span, q0, v0
         Replace the problem's interval or start; its reference and closed solution are then not used.
     request
@@ -73,8 +73,7 @@ def solve(
     clock.note_preparation("importing problem and solver", time.perf_counter() - began)
     if asked.t_eval is not None:
         check_output_times(asked.t_eval, *loaded.t_span)
-    if events is not None:
-        chosen = _with_events(chosen, events)
+    chosen = with_events(chosen, loaded.events if events is None else events)
     with handed_over(clock):
         try:
             if accuracy is not None:
@@ -89,20 +88,6 @@ def solve(
         return found
     said = str(found.message or "").rstrip(".")  # a plugin's may be None
     return found.but(message=f"{said}. {note}" if said else note)
-
-
-def _with_events(solver: Solver, events: Any) -> Solver:
-    """The solver with its own events, or with those found between its steps."""
-    from hhtbench.catalogue.plugins import load
-    from hhtbench.protocol.wrong_use import require_events
-
-    require_events(events)
-    listed = events if isinstance(events, list | tuple) else [events]
-    between = any(getattr(event, "between_steps", False) for event in listed)
-    own: Any = None if between else getattr(solver, "with_events", None)
-    own = own or partial(load("name", "with_events"), solver)
-    made: Solver = own(events)
-    return made
 
 
 def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> Solution:

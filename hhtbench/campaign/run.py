@@ -251,7 +251,8 @@ def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome,
     """Check a success by its own rows and steps and by the other solves of the same cell."""
     if not succeeded(outcome) or outcome.solution is None:
         return Judged()
-    if outcome.status is Status.event or any(map(np.size, outcome.solution.t_events)):  # a campaign asks for none
+    seen = outcome.status is Status.event or any(map(np.size, outcome.solution.t_events))
+    if seen and not np.size(problem.events):
         return Judged({"status": Status.unreliable.label, "message": "end: an event is reported, and none was asked for."})
     if not succeeded(work):
         return Judged({"status": work.status.label, "message": f"{work.message} (without output on the way)"})

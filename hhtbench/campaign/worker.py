@@ -14,7 +14,7 @@ from typing import Any
 from hhtbench.campaign.clock import time_cell
 from hhtbench.campaign.reference import reference_of
 from hhtbench.campaign.run import Phase, of_plugins, run_cell, status_of, text_of
-from hhtbench.catalogue.registry import load_problem, load_solver
+from hhtbench.catalogue.registry import load_problem, load_solver, with_events
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import Problem, Solver
 from hhtbench.runtime.processes import opened
@@ -75,7 +75,8 @@ class Bench:
                 self._solvers[names[1]] = load_solver(names[1])
         except (ProblemError, TypeError) as error:
             return {"status": Status.declined.label, "message": f"it cannot be loaded: {error}"}
-        problem, solver = self._problems[names[0], certificate], self._solvers[names[1]]
+        problem = self._problems[names[0], certificate]
+        solver = with_events(self._solvers[names[1]], problem.events)
         warm = self._warm.setdefault(names, {})
         if task["repeats"]:
             return time_cell(problem, solver, task["request"], "s" in warm, self._tell)

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -226,3 +227,18 @@ def _is_solver(value: Any) -> bool:
 
 def _kind_of(value: Any) -> str:
     return f"the class {value.__name__}" if isinstance(value, type) else f"{type(value).__name__}"
+
+
+def with_events(solver: Solver, events: Any) -> Solver:
+    """Return the solver with its own events, or with those found between its steps; itself where there are none."""
+    listed = events if isinstance(events, (list, tuple)) else [events]
+    if not listed:
+        return solver
+    from hhtbench.protocol.wrong_use import require_events
+
+    require_events(events)
+    between = any(getattr(event, "between_steps", False) for event in listed)
+    own: Any = None if between else getattr(solver, "with_events", None)
+    own = own or partial(plugins.load("name", "with_events"), solver)
+    made: Solver = own(events)
+    return made

@@ -353,6 +353,7 @@ class Problem(Printed):
     v0: Vector  #: (n,) velocities at the start
     lam_guess: Vector | None = None  #: (m,) starting guess of the multipliers; it picks the root where Q is nonlinear
     mu_guess: Vector | None = None  #: (p,) the same for the velocity constraints
+    events: Any = ()  #: :class:`hhtbench.Event`, one or a list: a part of the motion, as impacts are
     scales: Scales = UNSCALED
     observables: Mapping[str, Observable] = field(default_factory=dict)  #: name -> fn(t, q, v, lam)
     exact: Callable[[float], Motion] | None = None  #: closed solution
