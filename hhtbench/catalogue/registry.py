@@ -86,7 +86,7 @@ def load_problem(spec: str | Problem, **parameters: Any) -> Problem:
     made = _make("problem", found, parameters)
     if not isinstance(made, Problem):
         raise ProblemError(f"{found.target} must be a hhtbench.Problem or return one; got {_kind_of(made)}.")
-    if parameters or not isinstance(made.system, System):
+    if parameters or not isinstance(made.system, System) or np.size(made.events):  # events refer to their systems
         return made
     system = _known(str(found), made.system)
     return made if system is made.system else replace(made, system=system)

@@ -42,12 +42,23 @@ class WithEvents:
 
     def accepts(self, problem: Problem, request: Request) -> str | None:
         """Reason why the solver cannot take the problem or request, or None."""
+        if lost := self._never_looked_for(problem):
+            what = f"event {lost!r} is looked for during a system that is not in this motion"
+            return f"{what}: during must be the problem's own system object, or one that another event begins by then"
         if request.fixed:
             return f"{self.name} takes these events with tolerances only: give rtol instead of steps"
         if request.dense_output:
             return f"{self.name} has no dense output with these events: give t_eval"
         reason: str | None = self.solver.accepts(problem, request)
         return reason
+
+    def _never_looked_for(self, problem: Problem) -> str:
+        """Name of an event whose ``during`` the motion never reaches, or ""."""
+        systems = [problem.system]
+        for system in systems:  # grows
+            begun = [event.then for event in self.events if event.then is not None and event.happens_in(system)]
+            systems += [one for one in begun if not any(one is known for known in systems)]
+        return next((event.name for event in self.events if not any(map(event.happens_in, systems))), "")
 
     def solve(self, problem: Problem, request: Request) -> Solution:
         """Integrate ``problem``."""
