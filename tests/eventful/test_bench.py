@@ -43,7 +43,7 @@ def test_a_campaign_certifies_scenes_with_events_and_measures_their_errors(tmp_p
 
 def test_solvers_of_all_families_agree_on_a_scene_with_events():
     solvers = ["ida", "cvode", "scipy(method=Radau)", "projected", "diffrax(method=Dopri8)"]
-    assert_solvers_agree(belt(), solvers, rtol=1e-9)
+    assert_solvers_agree(belt(), solvers, rtol=1e-9, factor=300)  # of sizes of 0.06 m: atol is that of 1 m, CVODE 14 of them
 
 
 @pytest.mark.parametrize("solver", ["hht", "projected"])
