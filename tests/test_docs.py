@@ -125,6 +125,8 @@ def test_the_ball_of_the_page_bounces_when_free_fall_says(capsys):
     rest, slipped = scope["rest"], scope["slipped"]
     assert rest.phases[1].t == pytest.approx(3 * fall, abs=1e-2)
     assert rest.lam[-1, 0] == pytest.approx(-9.81)
+    np.testing.assert_allclose(scope["train"].v[-1], 1.0, rtol=1e-12)
+    np.testing.assert_allclose(abs(scope["train"].impacts[0].lam), 2000.0)
     (breaks, sticks) = stick_slip(2)
     np.testing.assert_allclose(slipped.t_events[0][:2], breaks, atol=1e-6)
     np.testing.assert_allclose(slipped.t_events[1][:2], sticks, atol=1e-6)
