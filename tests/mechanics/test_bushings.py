@@ -154,3 +154,20 @@ def test_a_bushing_by_name_pushes_towards_its_free_offsets():
     (force,) = values([partial(m.system().force, 0.0)], *m.start())
     turning = space.space_rate_matrix(m.start()[0][3:][None])[0] @ force[3:] / 2
     np.testing.assert_allclose(np.concatenate([force[:3], turning]), K6 * free, rtol=1e-12)
+
+
+@pytest.mark.parametrize("first", ["ground", "block"])
+def test_a_planar_bushing_acts_along_its_axes(first):
+    angle, drawn = 0.5, 0.3
+    m = Mechanism((0.0, 0.0), plane=True)
+    m.body("block", 2.0, 0.1, at=(1.0, 0.0), turned=drawn)
+    second = "block" if first == "ground" else "ground"
+    m.bushing("B", first, second, (1.0, 0.0), (100.0, 10.0, 3.0), axes=angle)
+    system = m.system()
+    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    move = np.array([0.02, 0.01])
+    force = np.asarray(system.force(0.0, jnp.array([1.0 + move[0], move[1], drawn]), jnp.zeros(3)))
+    right = -100.0 * along * (along @ move) - 10.0 * across * (across @ move)
+    np.testing.assert_allclose(force[:2], right, atol=1e-12)
+    turned = np.asarray(system.force(0.0, jnp.array([1.0, 0.0, drawn + 0.2]), jnp.zeros(3)))
+    np.testing.assert_allclose(turned, [0.0, 0.0, -0.6], atol=1e-12)

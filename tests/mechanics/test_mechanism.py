@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.special import ellipk
 
 import hhtbench as hb
 from hhtbench.mechanics import Mechanism
@@ -315,3 +316,33 @@ def test_springs_drawings_and_bodies_are_read_by_name():
         m.of(solution, "weld").angle()
     with pytest.raises(ProblemError, match=r"coyl.*coil"):
         m.of(solution, "coyl")
+
+
+def hanging():
+    """A pendulum of 1 m, drawn level, on a cart that nothing moves."""
+    m = Mechanism(plane=True)
+    m.body("bob", 1.0, 1e-9, at=(1.0, 0.0))
+    m.body("cart", 1.0, 1.0, at=(5.0, 0.0))
+    m.revolute("A", "ground", "bob", at=(0.0, 0.0))
+    m.weld("W", "ground", "cart", at=(5.0, 0.0))
+    return m
+
+
+def test_an_event_finds_the_angle_of_a_joint_by_name():
+    m = hanging()
+    angle = m.coordinate("A")
+    down = hb.Event(lambda t, q, v: angle(t, q, v) + np.pi / 2, direction=-1, name="down")
+    found = hb.solve(m.problem((0, 1)), "projected", rtol=1e-9, events=[down])
+    quarter = float(ellipk(0.5)) / np.sqrt(9.81)  # of a pendulum from level
+    assert found.t_events[0] == pytest.approx([quarter], abs=1e-8)
+
+
+def test_what_cannot_be_read_says_what_can():
+    m = hanging()
+    found = hb.solve(m.problem((0, 0.1)), "projected", rtol=1e-6)
+    with pytest.raises(ProblemError, match="joint 'A' acts on 'ground' or 'bob'; got on='cart'"):
+        m.of(found, "A").force(on="cart")
+    with pytest.raises(ProblemError, match=r"no joint, body or force 'rope'\. There are A, W, bob, cart"):
+        m.of(found, "rope")
+    with pytest.raises(AttributeError, match=r"no 'force' to read of it; there are .*position"):
+        m.of(found, "bob").force()

@@ -27,7 +27,7 @@ class Springs(eqx.Module):
     stiffness: Any = parameter(doc="one number for each measured one [N/m, N m/rad]")
     damping: Any = parameter(doc="[N s/m, N m s/rad]")
     free: Any = parameter(doc="measures without force [m, rad]")
-    axes: Any = parameter(0.0, doc="of bushings in space: frames in the first and in the second bodies (j, 2, 3, 3)")
+    axes: Any = parameter(0.0, doc="of bushings: frames in the first and in the second bodies (j, 2, d, d)")
 
     @property
     def law(self) -> Tensions:
@@ -157,11 +157,11 @@ def offsets(at: Placed, springs: Springs) -> Array:
     rows = springs.rows
     first, second = rows.points(at)
     one, other = np.array(rows.first), np.array(rows.second)
-    if at.angle is not None:
-        apart = jnp.einsum("jba,jb->ja", at.R[one], second - first)
-        return jnp.concatenate([apart, angles(at, rows)[:, None]], axis=1).ravel()
-    A, B = at.R[one] @ springs.axes[:, 0], at.R[other] @ springs.axes[:, 1]
+    A = at.R[one] @ springs.axes[:, 0]
     apart = jnp.einsum("jba,jb->ja", A, second - first)
+    if at.angle is not None:
+        return jnp.concatenate([apart, angles(at, rows)[:, None]], axis=1).ravel()
+    B = at.R[other] @ springs.axes[:, 1]
     return jnp.concatenate([apart, rotation_vector(jnp.einsum("jba,jbc->jac", A, B))], axis=1).ravel()
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.mechanics.multibody.joints import Joints
-from hhtbench.mechanics.multibody.parts import GROUND, RIGHT, Row, unit
+from hhtbench.mechanics.multibody.parts import GROUND, RIGHT, Row, tidy, unit
 from hhtbench.mechanics.multibody.rows import Law
 from hhtbench.protocol.errors import ProblemError
 
@@ -75,7 +75,8 @@ class Forces(Joints):
 
         ``stiffness`` and ``damping`` (6,): three translations [N/m], three rotations [N m/rad]; in the plane (3,).
         ``free``: offsets without force, likewise [m, rad].
-        ``axes`` (3, 3), columns, or (4,), a quaternion: the frames' rotation in space; along space if not given.
+        ``axes`` (3, 3), columns, or (4,), a quaternion: the frames' rotation in space; along space if not given.  In the
+        plane their angle [rad] from the x axis as drawn; along the first body if not given.
         """
         size = 3 if self.plane else 6
         values: dict[str, Any] = {
@@ -84,13 +85,9 @@ class Forces(Joints):
         }
         there = self._vector("at", at)
         (_, R1, angle1), (_, R2, angle2) = self.pose(first), self.pose(second)
-        if self.plane and axes is not None:
-            raise ProblemError(
-                f"bushing {name!r}: axes= is for space; in the plane it acts along those of the first as drawn."
-            )
         self._expect_numbers(name, **values)
-        frame, _ = self._rotation(f"axes of bushing {name!r}", axes)
-        more = {"axes": np.array([R1.T @ frame, R2.T @ frame])} if not self.plane else {"axes": 0.0}
+        frame = R1 if self.plane and axes is None else self._rotation(f"axes of bushing {name!r}", axes)[0]
+        more = {"axes": np.array([tidy(R.T @ frame) for R in (R1, R2)])}
         return self._element("bushing", name, first, second, a=there, b=there, value=angle2 - angle1, **values, **more)
 
     def contact(

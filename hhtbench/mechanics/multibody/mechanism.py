@@ -7,12 +7,13 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
+import jax
 import numpy as np
 
 from hhtbench.mechanics.lines import chain
 from hhtbench.mechanics.multibody import assembly
 from hhtbench.mechanics.multibody.composites import Composites
-from hhtbench.mechanics.multibody.drives import Couples, Drives, Swivels
+from hhtbench.mechanics.multibody.drives import Couples, Drives, Swivels, coordinates
 from hhtbench.mechanics.multibody.elements import Contacts, Loads, Springs, Tyres
 from hhtbench.mechanics.multibody.forces import column
 from hhtbench.mechanics.multibody.frames import quaternion
@@ -205,6 +206,12 @@ class Mechanism(Composites):
         """Degrees of freedom at the present poses, and the joints whose rows are redundant there."""
         return assembly.mobility(self)
 
+    def coordinate(self, joint: str) -> Callable[[Any, Any, Any], Any]:
+        """Function ``(t, q, v)`` of the angle [rad] or travel [m] of a joint, for events; in space within half a turn."""
+        kind = self._measured(joint, "coordinate")
+        rows, frame = self.arrays([self.rows.pop("coordinate")[-1]]), self.frame
+        return jax.jit(lambda t, q, v: coordinates(frame.placed(q), rows, (kind,))[0])
+
     def of(self, solution: Any, name: str) -> Any:
         """What ``solution`` tells of a joint, motor, body, spring, bushing, contact or tyre: forces, poses, energies."""
         if name in self.joints and self.joints[name].measured is not None:
@@ -218,7 +225,8 @@ class Mechanism(Composites):
         if name in self.forces:
             raise ProblemError(f"{self.forces[name].kind} {name!r} is given, not found: there is nothing to read of it.")
         known = [*self.joints, *self.bodies, *self.forces]
-        raise ProblemError(f"there is no joint, body or force {name!r}.{did_you_mean(name, known)}")
+        hint = did_you_mean(name, known) or f" There are {', '.join(known)}."
+        raise ProblemError(f"there is no joint, body or force {name!r}.{hint}")
 
     def table(self, solution: Any) -> dict[str, Any]:
         """Columns by name for a data frame: time, centres of bodies, angles, travels, forces and torques of joints."""

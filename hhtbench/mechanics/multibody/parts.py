@@ -12,6 +12,7 @@ import numpy as np
 from hhtbench.mechanics import space
 from hhtbench.mechanics.multibody.frames import Plane, Space
 from hhtbench.mechanics.multibody.rows import Law, Rows, of_time
+from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 
 GROUND = "ground"
@@ -137,7 +138,7 @@ class Parts:
 
     def _rotation(self, name: str, turned: Any) -> tuple[Any, float]:
         if self.plane:
-            angle = 0.0 if turned is None else float(turned)
+            angle = 0.0 if turned is None else real_number(name, turned, unit=" [rad]")
             return np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]), angle
         R = np.eye(3) if turned is None else np.asarray(turned, dtype=float)
         if R.shape == (4,):

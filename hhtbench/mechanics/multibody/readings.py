@@ -14,7 +14,7 @@ from hhtbench.mechanics.forces import rates
 from hhtbench.mechanics.multibody.drives import coordinates
 from hhtbench.mechanics.multibody.parts import GROUND, Joint
 from hhtbench.mechanics.multibody.rows import Rows, angles, travels, turning
-from hhtbench.protocol.errors import ProblemError, did_you_mean
+from hhtbench.protocol.errors import ProblemError
 
 RANK = 1e-9  # singular values below this part of the largest are zero
 
@@ -135,6 +135,10 @@ class Reading:
             raise ProblemError("the mechanism has other bodies or joints than the solution; read it before they are added.")
         self._state = tuple(jnp.asarray(getattr(solution, name)) for name in ("t", "q", "v", "lam", "mu"))
 
+    def __getattr__(self, name: str) -> Any:
+        known = ", ".join(one for one in dir(type(self)) if not one.startswith("_"))
+        raise AttributeError(f"there is no {name!r} to read of it; there are {known}.")
+
     @cached_property
     def _multipliers(self) -> tuple[Any, Any]:
         """Multipliers of the position and the velocity rows, of least norm where rows are redundant."""
@@ -197,8 +201,9 @@ class JointReading(Reading):
         torque = torque + _cross(lever, force)
         if on is None:
             on = joint.second
-        elif on != GROUND and on not in m.bodies:
-            raise ProblemError(f"there is no body {on!r}.{did_you_mean(on, [*m.bodies, GROUND])}")
+        elif on not in (joint.first, joint.second) and joint.kind not in ("gear", "couple"):
+            both = f"{joint.first!r} or {joint.second!r}"
+            raise ProblemError(f"joint {joint.name!r} acts on {both}; got on={on!r}.")
         if on == GROUND:  # it holds what the bodies do not balance
             return -np.sum(force, axis=1), -np.sum(torque, axis=1)
         return force[:, m.number(on)], torque[:, m.number(on)]
