@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import brentq
 
 import hhtbench as hb
-from hhtbench.mechanics import plane
+from hhtbench.mechanics import Mechanism, plane
 
 SOLVERS = ["hht", "ida", "cvode", "scipy(method=Radau)", "diffrax(method=Dopri8)", "projected"]
 G = 9.81
@@ -310,3 +310,34 @@ def test_a_solution_with_phases_is_saved_and_pickled(tmp_path):
     assert read.impacts[0].contact == found.impacts[0].contact
     kept = pickle.loads(pickle.dumps(found))
     assert [phase.event for phase in kept.phases] == ["", "floor"]
+
+
+def latched(caught):
+    """A bar that turns about its end at 1 rad/s, and a ball at rest in its way, latched to its tip or not."""
+    m = Mechanism((0.0, 0.0), plane=True)
+    m.body("bar", 2.0, 2 / 12, at=(0.5, 0.0), rate=-1.0, velocity=(0.0, -0.5))
+    m.body("ball", 1.0, 0.01, at=(0.0, -1.0))
+    m.revolute("A", "ground", "bar", at=(0.0, 0.0))
+    if caught:
+        m.revolute("latch", "bar", "ball", at=(1.0, 0.0), at_second=(0.0, -1.0))
+        m.assemble()
+    return m
+
+
+def test_a_mechanism_catches_a_body_and_is_read_by_name_in_each_phase():
+    free, caught = latched(False), latched(True)
+    problem, angle = free.problem((0, 2.5)), free.coordinate("A")
+    begun = caught.problem((0, 1)).system
+    latch = hb.Event(
+        lambda t, q, v: angle(t, q, v) + np.pi / 2, direction=-1, during=problem.system, then=begun, name="latch"
+    )
+    found = hb.solve(problem, "projected", rtol=1e-9, events=[latch])
+    assert found.t_events[0] == pytest.approx([np.pi / 2], abs=1e-9)
+    assert found.phases[1].v[2] == pytest.approx(-0.4, abs=1e-8)  # moments of inertia 2/3 and 1 about the pivot
+    before, after = free.of(found, "A"), caught.of(found, "latch")
+    assert before.t[-1] == after.t[0] == pytest.approx(np.pi / 2)
+    np.testing.assert_allclose(np.linalg.norm(before.force(), axis=1), 2.0 * 0.5, atol=1e-8)
+    np.testing.assert_allclose(np.linalg.norm(after.force(), axis=1), 0.4**2, atol=1e-8)
+    assert caught.table(found)["t"].tolist() == after.t.tolist()
+    with pytest.raises(ValueError, match="no phase of this mechanism's system"):
+        latched(True).of(found, "latch")

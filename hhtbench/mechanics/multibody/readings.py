@@ -129,11 +129,24 @@ class Reading:
         if not self.t.size:
             raise ProblemError(f"the solution has no rows to read: {solution.status.label}: {solution.message}")
         self._system = m.made or m.system()
+        some, columns = self._of_own_phases(solution)
+        self.t = self.t[some]
         rows = [sum(map(len, found.values())) for found in (m.rows_by_joint(), m.velocity_rows_by_joint())]
-        sizes = m.frame.size * len(m.bodies), rows[0] + (0 if m.plane else len(m.bodies)), rows[1]
-        if sizes != tuple(getattr(solution, name).shape[1] for name in ("q", "lam", "mu")):
+        sizes = {"q": m.frame.size * len(m.bodies), "lam": rows[0] + (0 if m.plane else len(m.bodies)), "mu": rows[1]}
+        found = {name: getattr(solution, name)[some][:, : sizes[name] if columns else None] for name in ("q", "lam", "mu")}
+        if any(found[name].shape[1] != size for name, size in sizes.items()):
             raise ProblemError("the mechanism has other bodies or joints than the solution; read it before they are added.")
-        self._state = tuple(jnp.asarray(getattr(solution, name)) for name in ("t", "q", "v", "lam", "mu"))
+        found |= {"t": self.t, "v": solution.v[some]}
+        self._state = tuple(jnp.asarray(found[name]) for name in ("t", "q", "v", "lam", "mu"))
+
+    def _of_own_phases(self, solution: Any) -> tuple[Any, bool]:
+        """Rows of the phases in which the system is this mechanism's; whether the solution has columns of others, too."""
+        if not solution.phases:
+            return slice(None), False
+        own = [np.arange(len(solution.t))[phase.rows] for phase in solution.phases if phase.system is self._m.made]
+        if not own:
+            raise ProblemError("the solution has no phase of this mechanism's system: begin one by m.problem(...).system.")
+        return np.concatenate(own), True
 
     def __getattr__(self, name: str) -> Any:
         known = ", ".join(one for one in dir(type(self)) if not one.startswith("_"))
@@ -362,7 +375,7 @@ class ElementReading(Reading):
 
 def tabulated(m: Any, solution: Any) -> dict[str, Any]:
     """Columns by name: centres of bodies; angles or travels, forces and torques of joints."""
-    found: dict[str, Any] = {"t": np.asarray(solution.t)}
+    found: dict[str, Any] = {"t": Reading(m, solution).t}
 
     def add(name: str, values: Any) -> None:
         if values.ndim == 1:
