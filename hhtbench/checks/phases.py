@@ -16,6 +16,8 @@ def phases_of(problem: Problem, solution: Solution) -> list[tuple[Problem, Solut
     """
     if not solution.phases:
         return [(problem, solution)]
+    if solution.phases[0].system is None:
+        raise ValueError("this solution came without the systems of its phases, as from a file or a pickle; solve it again.")
     found = []
     ends = [*(phase.t for phase in solution.phases[1:]), problem.t_span[1]]
     for phase, end in zip(solution.phases, ends, strict=True):

@@ -19,7 +19,7 @@ from hhtbench.solution.filled import Filled
 
 ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
 OF_FUNCTIONS = ("interpolant", "projection", "drift_of", "judge_of", "diagnosis_of")  #: its fields that call functions
-NOT_KEPT = (*OF_FUNCTIONS, "phases", "file")  #: its fields that a file does not hold
+NOT_KEPT = (*OF_FUNCTIONS, "file")  #: its fields that a file does not hold
 
 
 class Status(enum.Enum):
@@ -127,14 +127,14 @@ class Ends:
 
 @dataclass(frozen=True, kw_only=True)
 class Impact:
-    """An impulse by an event: ``M (v after - v before)``, and the multipliers that give it."""
+    """An impulse by events: ``M (v after - v before)``, and the multipliers that give it."""
 
     t: float  #: [s]
-    event: str  #: its name
+    event: str  #: its name; those of several with rebounds at one time
     impulse: Vector  #: (n,) [N s]
     lam: Vector  #: (m,) of the position constraints of the system after it, as forces over time [N s]
     mu: Vector  #: (p,) of the velocity constraints
-    contact: float  #: along the event's distance, where it has a restitution; else 0 [N s]
+    contact: Vector  #: (k,) along the distances of these events, if they have a restitution [N s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,7 +146,13 @@ class Phase:
     t: float  #: its start [s]
     q: Vector  #: (n,) there
     v: Vector  #: (n,) there, after the impact
-    rows: slice  #: its rows in the Solution
+    first: int  #: its first row in the Solution
+    stop: int  #: the row behind its last
+
+    @property
+    def rows(self) -> slice:
+        """Its rows in the Solution."""
+        return slice(self.first, self.stop)
 
 
 class DenseOutput(NamedTuple):
@@ -305,7 +311,8 @@ class Solution(Filled):
         """Write the solution without its functions (dense output, :meth:`drift`) to an ``.npz`` file; returns its path."""
         from hhtbench.solution.saved import write_arrays
 
-        return write_arrays(path, {name: getattr(self, name) for name in _KEPT})
+        kept = self.__getstate__()
+        return write_arrays(path, {name: kept[name] for name in _KEPT})
 
     @classmethod
     def load(cls, path: str | Path) -> Solution:
@@ -316,7 +323,7 @@ class Solution(Filled):
         """
         from hhtbench.solution.saved import read_arrays
 
-        found = read_arrays(path, (Status, Counters, StepsData, Ends, Impact, ErrorEstimate, DenseOutput))
+        found = read_arrays(path, (Status, Counters, StepsData, Ends, Impact, Phase, ErrorEstimate, DenseOutput))
         rows = [found.get(name) for name in ("t", *ROWS)]
         shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]
         typed = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,13 +13,12 @@ from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.counting import Work
 from hhtbench.solution.result import Impact
-from solvers._initcond import project
-from solvers._start import Failure, PhasePoint, of_dynamics
-from solvers.eventful.impacts import impact_of, rebound
+from solvers._start import Failure, of_dynamics
+from solvers.eventful.impacts import rebound
 from solvers.eventful.steps import Point
 from solvers.hht.events.event import Event, changed_by, value_of
 from solvers.hht.events.locate import TOGETHER, Crossing
-from solvers.hht.events.sides import changed_values, is_leaving, local_at, side_after
+from solvers.hht.events.sides import BESIDE, changed_values, is_leaving, local_at, side_after
 from solvers.hht.run.stepper import MAX_CHANGES_AT_ONCE, PILED_UP
 from solvers.kernel.numbers import EPS
 
@@ -57,7 +57,11 @@ class Changes:
         return _changes(event) and is_leaving(event, crossing.side, place, h, self.work)
 
     def together(self, found: Sequence[Crossing], known: Vector | None, place: Point, h: float) -> list[Crossing]:
-        """Crossings by other events that change the state and whose zero is at ``place`` within the resolution of time."""
+        """Crossings by other events that act and whose zero is at ``place`` within the resolution of time.
+
+        Or before it in this step: where events follow one another within the solver's error, the one found first is not
+        always the first one.
+        """
         others, there = [], {crossing.index for crossing in found}
         soon = TOGETHER * EPS * max(abs(place.t), abs(h))
         for index, event in enumerate(self.events):
@@ -65,40 +69,48 @@ class Changes:
                 continue
             here, side = local_at(event, place, h, self.work), float(np.sign(known[index]))
             at_zero = abs(here.value) <= max(here.near, abs(here.rate) * soon)
-            if at_zero and (here.value + here.rate * soon) * side <= 0.0 and event.direction in (0, -side):
+            reached = (at_zero and (here.value + here.rate * soon) * side <= 0.0) or here.value * side < 0.0
+            if reached and event.direction in (0, -side):
                 others.append(Crossing(index, place.t, int(side), (place.t, place.t)))
         return others
 
     def applied(
-        self, found: Sequence[Crossing], place: Point, h: float, resting: Sequence[int] = ()
+        self, found: Sequence[Crossing], place: Point, h: float, known: Vector, bound: Callable[[Point], Any] | None
     ) -> tuple[Point, Vector] | Failure:
         """The state after the changes of the events ``found`` at ``place``, and the values (2k,) of all functions there.
 
-        ``resting`` are events without a rebound.
+        ``known`` (2k,): values before; ``bound``: puts a changed state onto the constraints, or returns a Failure.
         """
-        sides, state, names = [0] * len(self.events), place, [repr(self.events[c.index].name) for c in found]
-        where = f"after the change by event {', '.join(names)} at t = {exact(place.t)}"
-        values = self._values(place)
-        unsure = np.where(np.isin(np.arange(values.size), [c.index for c in found]), abs(values), 0.0)
-        for crossing in sorted(found, key=lambda crossing: crossing.index):
+        values, names = self._values(place), ", ".join(repr(self.events[c.index].name) for c in found)
+        sides, unsure, state = [0] * len(self.events), np.zeros(values.size), place
+        ordered = sorted(found, key=lambda crossing: crossing.index)
+        for crossing in ordered:
             event = self.events[crossing.index]
-            if not _changes(event) or crossing.index in resting:
+            unsure[crossing.index] = abs(values[crossing.index])
+            if event.change is None:
                 continue
-            if event.change is not None:
-                q, v = changed_by(event, place.t, state.q, state.v)
-            else:
-                q, (v, normal) = state.q, rebound(event, self.declared[crossing.index], self.dynamics, state)
-                self.impacts.append(impact_of(event.name, self.dynamics, state, v, normal))
+            q, v = changed_by(event, place.t, state.q, state.v)
             state = replace(state, q=q, v=v)
-            if self.dynamics.structure.constrained:
-                moved = project(self.dynamics, PhasePoint(place.t, q, v), self.work)
+            if bound is not None:
+                moved = bound(state)
                 if isinstance(moved, Failure):
+                    where = f"after the change by event {names} at t = {exact(place.t)}"
                     return Failure(moved.status, f"{where}: {moved.message}")
-                before, state = self._values(state), replace(state, q=moved[0].q, v=moved[0].v)
+                before, state = self._values(state), moved
                 unsure += abs(self._values(state) - before)  # a solver without projection has drifted
             self.made.append(crossing.index)
             sides[crossing.index] = side_after(event, crossing.side, state, h, self.work)
+        if hit := [c for c in ordered if self.events[c.index].restitution is not None]:
+            v, impact = rebound([(self.declared[c.index], c.side) for c in hit], self.dynamics, state)
+            state = replace(state, v=v)
+            self.impacts += [impact] if impact is not None else []
+            for crossing in hit:
+                self.made.append(crossing.index)
+                sides[crossing.index] = crossing.side
         state = self.point(state.t, state.q, state.v, state.size_q, state.size_v)
+        before = known[: values.size]  # of an event that acts: it would have been found before
+        acts = (before != 0.0) & [event.acts for event in self.events]
+        values = np.where(acts, np.copysign(np.maximum(np.abs(values), BESIDE), before), values)
         return state, changed_values(self.events, sides, np.concatenate([values, unsure]), state, h, self.work)
 
     def _values(self, at: Point) -> Vector:

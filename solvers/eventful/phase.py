@@ -77,7 +77,8 @@ class PhaseFunctions:
             return Failure(moved.status, f"{where} the system that begins holds no state: {moved.message}")
         q, v = moved[0].q, moved[0].v
         off = np.abs(q - place.q)
-        if not np.max(off) <= max(NEAR, 2.0 * rtol) * max(1.0, place.size_q):
+        allowed = max(NEAR * place.size_q, 2.0 * rtol * max(place.size_q, float(np.max(self.problem.scales.q))))
+        if not np.max(off) <= allowed:
             g = of_dynamics(unreduced(self.dynamics)).levels.at(place.t, place.q, place.v).position
             i, row = int(np.argmax(off)), int(np.argmax(np.abs(g)))
             text = f"its constraints do not hold there: g[{row}] = {g[row]:.3g}, and q[{i}] would move by {off[i]:.3g}"

@@ -47,8 +47,8 @@ class Rows:
             counts[number + 1] += t.size
         ends = np.cumsum(counts).tolist()
         return tuple(
-            Phase(system=system, event=event, t=place.t, q=place.q, v=place.v, rows=slice(*rows))
-            for (system, event, place), rows in zip(begun, pairwise(ends), strict=True)
+            Phase(system=system, event=event, t=place.t, q=place.q, v=place.v, first=first, stop=stop)
+            for (system, event, place), (first, stop) in zip(begun, pairwise(ends), strict=True)
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import fields, replace
 from functools import partial
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock, Work
@@ -111,6 +112,8 @@ class Run:
                     return place
                 if self.ahead * (place.t - self.end) > -_resolved(self.end):
                     place = replace(place, t=self.end)
+                elif self.ahead * (place.t - one.t) < 0.0:  # by the last bits of time
+                    place = replace(place, t=one.t)
                 if self._stops(crossing):
                     self._keep(part, row)
                     return self._stopped(place, [crossing], other.t - one.t)
@@ -173,14 +176,16 @@ class Run:
 
         ``resting``: events whose rebounds have piled up.  Of several events that begin another phase, the first one does.
         """
-        switching = [c for c in found if self._switches(c.index, resting)]
+        switching = sorted((c for c in found if self._switches(c.index, resting)), key=lambda c: c.index)
         found = [c for c in found if c not in switching[1:]]
         for crossing in found:
             self._noted(crossing, place)
         if self.pieces:
             self.pieces[-1] = *self.pieces[-1][:3], place.t
         named = [repr(self.events[c.index].name) for c in found if self._ends(c.index)]
-        after = self.changes.applied(found, place, h, resting)
+        bouncing = [c for c in found if c not in switching or self.events[c.index].restitution is None]
+        bound = self._bound if self.phase.dynamics.structure.constrained and not switching else None
+        after = self.changes.applied(bouncing, place, h, self._values_before(), bound)
         self.impacts += self.changes.impacts
         self.changes.impacts = []
         if isinstance(after, Failure):
@@ -191,7 +196,7 @@ class Run:
                 self.rows.add(len(self.begun) - 1, self.point, self.phase)
             return Failure(Status.event, f"event {', '.join(named)} at t = {exact(place.t)}. {Status.event.text}")
         if switching:
-            failed = self._switched(switching[0].index, self.point, h)
+            failed = self._switched(switching[0], self.point, h)
             if failed is not None:
                 return failed
         if self.point.t == self.end:
@@ -199,12 +204,21 @@ class Run:
             return Failure(Status.success, Status.success.text)
         return None
 
+    def _values_before(self) -> Vector:
+        return np.zeros(2 * len(self.events)) if self.known is None else self.known
+
+    def _bound(self, state: Point) -> Point | Failure:
+        """The state on the constraints of this phase."""
+        moved = project(self.phase.dynamics, PhasePoint(state.t, state.q, state.v), self.work)
+        return moved if isinstance(moved, Failure) else replace(state, q=moved[0].q, v=moved[0].v)
+
     def _switches(self, index: int, resting: Sequence[int]) -> bool:
         event = self.events[index]
-        return event.then is not None and (event.restitution is None or index in resting)
+        return event.then is not None and (not event.restitution or index in resting)
 
-    def _switched(self, index: int, place: Point, h: float) -> Failure | None:
+    def _switched(self, crossing: Crossing, place: Point, h: float) -> Failure | None:
         """Begin the phase of an event at ``place``; a Failure if no motion begins there."""
+        index = crossing.index
         event, made = self.events[index], [*self.changes.made, index]
         system: Any = event.then
         if made.count(index) > MAX_CHANGES_AT_ONCE:
@@ -213,13 +227,19 @@ class Run:
             return Failure(Status.time_resolution, text)
         rtol = 0.0 if self.request.rtol is None else float(np.max(self.request.rtol))
         at = PhasePoint(place.t, place.q, place.v)
-        phase = PhaseFunctions(self.problem.with_system(system), self.events, at, self.work)
+        try:
+            phase = PhaseFunctions(self.problem.with_system(system), self.events, at, self.work)
+        except (ProblemError, TypeError) as error:
+            text = f"event {event.name!r} begins a system that does not fit; all have the same coordinates: {error}"
+            raise type(error)(text) from None
         started = phase.started(place, event, rtol)
         if isinstance(started, Failure):
             return started
         self.impacts.append(impact_of(event.name, phase.dynamics, place, started.v))
         self.phase, self.point, self.known = phase, started, starting_values(phase.events, started, h, self.work)
         self.changes.made = made
+        if abs(self.known[index]) == BESIDE:  # it has passed its zero
+            self.known[index] = -crossing.side * BESIDE
         self.begun.append((system, event.name, started))
         beyond = phase.passed(self.known)
         return None if beyond is None else self._changed(started, [self._at_once(beyond, started)], h)
@@ -245,13 +265,15 @@ class Run:
         for budget, counter in (("max_num_steps", "steps_accepted"), ("max_evaluations", "residual_evaluations")):
             if (most := getattr(asked, budget)) is not None:
                 left = most - sum(getattr(one, counter) or 0 for one in self.spent)
-                asked = asked.but(**{budget: max(left, 1)})
+                asked = asked.but(**{budget: max(left, 1) if spent is self.spent else None})  # output is beside budgets
         q, v = start.q, start.v
         if self.known is not None and phase.dynamics.structure.constrained:  # a row may have drifted off the constraints
             moved = project(phase.dynamics, PhasePoint(start.t, q, v), self.work)
             q, v = (q, v) if isinstance(moved, Failure) else (moved[0].q, moved[0].v)
             asked = asked.but(calc_initcond=False)
-        found: Solution = self.solver.solve(phase.problem.starting((start.t, end), q, v), asked)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="atol=")  # of the sizes in a part of the motion
+            found: Solution = self.solver.solve(phase.problem.starting((start.t, end), q, v), asked)
         spent.append(found.counters)
         return found
 

@@ -45,6 +45,8 @@ class WithEvents:
         if lost := self._never_looked_for(problem):
             what = f"event {lost!r} is looked for during a system that is not in this motion"
             return f"{what}: during must be the problem's own system object, or one that another event begins by then"
+        if problem.t_span[1] < problem.t_span[0] and any(event.restitution is not None for event in self.events):
+            return "an event with a restitution has no motion backward in time; give its inverse as a change"
         if request.fixed:
             return f"{self.name} takes these events with tolerances only: give rtol instead of steps"
         if request.dense_output:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -10,6 +12,8 @@ import hhtbench as hb
 from hhtbench.lowering import derive
 from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.counting import Work
+from solvers._initcond import project
+from solvers._start import PhasePoint
 from solvers.eventful.changes import Changes
 from solvers.hht.events.locate import Crossing
 from solvers.hht.events.sides import BESIDE
@@ -238,7 +242,12 @@ def test_a_projected_change_that_lets_the_motion_pass_stays_behind_its_zero(off)
     dynamics = derive(Crane(), 0.0, q, v)
     changes = Changes([BRAKE], [BRAKE], dynamics, Work())
     place = changes.point(0.0, q, v, 4.0, 1.0)
-    after, known = changes.applied([Crossing(0, 0.0, -1, (0.0, 0.0))], place, 0.1)
+
+    def bound(state):
+        moved, _ = project(dynamics, PhasePoint(0.0, state.q, state.v), Work())
+        return replace(state, q=moved.q, v=moved.v)
+
+    after, known = changes.applied([Crossing(0, 0.0, -1, (0.0, 0.0))], place, 0.1, np.array([-1.0, 0.0]), bound)
     assert abs(after.q[1] - after.q[0] - 0.6) > 1e-12  # the projection has moved it off the zero, either way
     assert known[0] == BESIDE
 

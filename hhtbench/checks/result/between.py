@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from hhtbench.checks.phases import phases_of
 from hhtbench.checks.result.flow import Equations, Flow, NotJudged
 from hhtbench.checks.result.levels import declared_sizes
 from hhtbench.checks.result.success import SAME_TIME
@@ -108,6 +109,10 @@ def stepped_over(problem: Problem, solution: Solution, allowed: float) -> Steppe
     allowed
         Scaled distance of q and v from the next row.
     """
+    if solution.phases:
+        found = [stepped_over(*one, allowed) for one in phases_of(problem, solution)]
+        worst = next((one for one in found if one.text), SteppedOver())
+        return worst._replace(evaluations=sum(one.evaluations for one in found))
     known = not solution.unknown[:1].any()
     try:
         equations = Equations(problem)

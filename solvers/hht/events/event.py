@@ -57,10 +57,12 @@ class Event:
     restitution
         From 0 to 1: the event is an impact on the zero of a distance, a function of t and q.  Its rate after the impact is
         -restitution times the rate before; the impulse acts along the gradient of the distance and on the constraints.
+        Impacts at one time act together: the rates of all distances that close are reversed at once, and none pulls.
     then
         The :class:`~hhtbench.System` of the motion after the event: constraints begin, end or change.  Velocities are
         projected onto its constraints in the norm of the mass matrix, an impact without rebound.  With ``restitution`` the
-        motion goes on with it once its rebounds follow one another within the resolution of time.
+        motion goes on with it once its rebounds follow one another within the resolution of time.  A ``change`` comes
+        before; a ``terminal`` event ends the run in the system before.
     during
         The system, or a list of them, in whose motion the event is looked for; None: any.
     period
@@ -110,6 +112,8 @@ class Event:
             raise ProblemError(f"an event's restitution must be from 0 to 1; got {self.restitution}.")
         if self.restitution is not None and self.change is not None:
             raise ProblemError("an event has a restitution or a change, not both; change returns the state after an impact.")
+        if self.restitution is not None and self.takes_multipliers:
+            raise ProblemError("an event with a restitution is a distance, a function of (t, q, v), without multipliers.")
         for name, given in (("then", self.then), ("during", self.during)):
             for system in given if isinstance(given, (list, tuple)) and name == "during" else (given,):
                 if system is not None and not isinstance(system, (System, NumpySystem)):

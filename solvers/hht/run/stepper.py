@@ -32,7 +32,7 @@ from solvers.kernel import memory as mem
 CUTS = 20  # times that one step is shortened: each finds an earlier event than the last
 JUMP = "look for a jump in the forces, or a wrong derivative"
 RESIDUAL = "the step's residual"  # named in messages where each function by itself is finite
-PILED_UP = "end the run earlier by terminal=N, the number of an occurrence, and continue with a constraint instead."
+PILED_UP = "give the event a restitution and then=, a system with a constraint, or end the run earlier by terminal=N."
 MAX_CHANGES_AT_ONCE = 100  # state changes by one event at one time, as between bodies that collide together
 
 
