@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.mechanics.multibody.joints import Joints
-from hhtbench.mechanics.multibody.parts import GROUND, RIGHT, Row, unit
+from hhtbench.mechanics.multibody.parts import GROUND, RIGHT, Row, tidy, unit
 from hhtbench.mechanics.multibody.rows import Law
 from hhtbench.protocol.errors import ProblemError
 
@@ -50,13 +50,14 @@ class Forces(Joints):
     def torsion(self, name: str, joint: str, stiffness: float, damping: float = 0.0, free: float = 0.0) -> str:
         """Spring [N m/rad] and damper [N m s/rad] about a revolute joint, without moment at the angle ``free`` [rad].
 
-        The angle is zero in the drawn pose.  In the plane turns are counted; in space the moment jumps half a turn from
-        ``free``.
+        The angle is zero in the drawn pose, ``free`` may be turns away.  In the plane turns are counted.  In space the
+        quaternions show the angle up to one turn either way from the start of the problem: 5.78 rad from there the moment is
+        not a number, which ends a run.
         """
         self._expect_new(name)
         self._expect_numbers(name, stiffness=stiffness, damping=damping, free=free)
         row = self._turn(self._find(joint, "revolute", "cylindrical"), None, "torsion")
-        self.rows["torsion"][-1].more |= {"stiffness": stiffness, "damping": damping, "free": free}
+        self.rows["torsion"][-1].more |= {"stiffness": stiffness, "damping": damping, "free": free, "joint": joint}
         self.forces[name] = Element(name=name, kind="torsion", number=row[1])
         return name
 
@@ -75,7 +76,8 @@ class Forces(Joints):
 
         ``stiffness`` and ``damping`` (6,): three translations [N/m], three rotations [N m/rad]; in the plane (3,).
         ``free``: offsets without force, likewise [m, rad].
-        ``axes`` (3, 3), columns, or (4,), a quaternion: the frames' rotation in space; along space if not given.
+        ``axes`` (3, 3), columns, or (4,), a quaternion: the frames' rotation in space; along space if not given.  In the
+        plane their angle [rad] from the x axis as drawn; that of the first body if not given.
         """
         size = 3 if self.plane else 6
         values: dict[str, Any] = {
@@ -84,13 +86,9 @@ class Forces(Joints):
         }
         there = self._vector("at", at)
         (_, R1, angle1), (_, R2, angle2) = self.pose(first), self.pose(second)
-        if self.plane and axes is not None:
-            raise ProblemError(
-                f"bushing {name!r}: axes= is for space; in the plane it acts along those of the first as drawn."
-            )
         self._expect_numbers(name, **values)
-        frame, _ = self._rotation(f"axes of bushing {name!r}", axes)
-        more = {"axes": np.array([R1.T @ frame, R2.T @ frame])} if not self.plane else {"axes": 0.0}
+        frame = R1 if self.plane and axes is None else self._rotation(f"axes of bushing {name!r}", axes)[0]
+        more = {"axes": np.array([tidy(R.T @ frame) for R in (R1, R2)])}
         return self._element("bushing", name, first, second, a=there, b=there, value=angle2 - angle1, **values, **more)
 
     def contact(
