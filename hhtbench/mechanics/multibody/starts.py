@@ -13,6 +13,7 @@ import numpy as np
 from hhtbench.mechanics.multibody.motion import moves
 from hhtbench.mechanics.multibody.rows import of_time
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.runtime.disk_cache import use_disk_cache
 
 STARTED = 1e-6  # misfit of a motor's start, over its value, which assemble would have removed
 
@@ -38,6 +39,7 @@ def expect_motors(m: Any, t: float) -> None:
     motors = {name: joint for name, joint in m.joints.items() if joint.kind == "motor"}
     if not motors:
         return
+    use_disk_cache()
     now = [x[0, [list(m.joints).index(name) for name in motors]] for x in moves(m, *m.start())]  # compiles
     angle, travel, turning, speed = ([float(x) for x in np.atleast_1d(row)] for row in now)
     for i, (name, joint) in enumerate(motors.items()):
