@@ -44,6 +44,11 @@ def rolling_directions(axis: Any, normal: Array) -> Array:
     return ahead / jnp.linalg.norm(ahead, axis=-1, keepdims=True)
 
 
+def reference_speed(travel: Array, slow: Any) -> Array:
+    """Speeds (j,) [m/s] over which slips are taken, of the arguments of :func:`slip_force`."""
+    return jnp.sqrt(jnp.sum(travel**2, axis=-1) + jnp.asarray(slow) ** 2)
+
+
 def slip_force(push: Array, sliding: Array, travel: Array, ahead: Array, grip: Any) -> Array:
     """Forces (j, d) [N] along the road on tyres under the normal forces ``push`` (j,) [N].
 
@@ -61,5 +66,5 @@ def slip_force(push: Array, sliding: Array, travel: Array, ahead: Array, grip: A
     forward = jnp.sum(sliding * ahead, axis=-1)
     aside = sliding - forward[:, None] * ahead
     slip = (along * forward)[:, None] * ahead + jnp.asarray(across)[..., None] * aside
-    full = jnp.asarray(mu * jnp.sqrt(jnp.sum(travel**2, axis=-1) + slow**2))
+    full = jnp.asarray(mu * reference_speed(travel, slow))
     return -(mu * push / jnp.sqrt(full**2 + jnp.sum(slip**2, axis=-1)))[:, None] * slip

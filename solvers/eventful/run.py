@@ -50,6 +50,7 @@ class Run:
         self.phase = PhaseFunctions(problem, events, PhasePoint(t, problem.q0, problem.v0), self.work)
         self.point = Point(t=t, q=problem.q0, v=problem.v0, vdot=np.zeros_like(problem.v0), size_q=0.0, size_v=0.0)
         self.begun: list[tuple[Any, str, Point]] = [(problem.system, "", self.point)]  #: the phases: system, event and state
+        self.switched: list[int] = []  #: events that have begun a phase at this time
         self.impacts: list[Impact] = []
         self.fresh = True  #: whether the motion begins at ``point``, and not only a run of the solver
 
@@ -120,7 +121,7 @@ class Run:
                 self._noted(crossing, place)
             self.known, one = after, other
             if abs(one.t - self.pieces[-1][2].t) > _resolved(one.t):
-                self.changes.made = []
+                self.changes.made, self.switched = [], []
         self._keep(part, part.t.size)
         self.point, self.fresh, self.length = one, False, LONGER * self.length
         return Failure(part.status, part.message) if not part.success or one.t == self.end else None
@@ -139,13 +140,13 @@ class Run:
         begun = self.pieces[-1][2]
         if abs(place.t - begun.t) > _resolved(place.t):
             self.rows.add(len(self.begun) - 1, place, self.phase)
-            self.changes.made = []
+            self.changes.made, self.switched = [], []
         piled = self.changes.piled_up(found, place, h)
         if unsure := [i for i in piled if self.events[i].restitution is None or self.events[i].then is None]:
             names = ", ".join(repr(self.events[i].name) for i in unsure)
             return Failure(Status.time_resolution, f"changes by event {names} pile up at t = {exact(place.t)}; {PILED_UP}")
         found += self.changes.together(found, self.known, place, h)
-        self.length = max(LONGER * abs(place.t - begun.t), abs(h), SHORTEST * _resolved(place.t))
+        self.length = max(LONGER * abs(place.t - begun.t), abs(h), SHORTEST * _resolved(max(abs(place.t), abs(self.end))))
         return self._changed(place, found, h, piled)
 
     def _sample_time(self, index: int) -> float:
@@ -163,7 +164,7 @@ class Run:
                 return found
             at = found[0]
         h, place = self.ahead * self.length, self.changes.point(at.t, at.q, at.v, self.point.size_q, self.point.size_v)
-        self.changes.made = []
+        self.changes.made, self.switched = [], []
         if self.known is None:
             self.known = starting_values(self.phase.events, place, h, self.work)
             self.rows.add(len(self.begun) - 1, place, self.phase)
@@ -220,9 +221,10 @@ class Run:
         """Begin the phase of an event at ``place``; a Failure if no motion begins there."""
         index = crossing.index
         event, made = self.events[index], [*self.changes.made, index]
+        self.switched.append(index)
         system: Any = event.then
-        if made.count(index) > MAX_CHANGES_AT_ONCE:
-            names = ", ".join(repr(self.events[i].name) for i in sorted({*made}))
+        if self.switched.count(index) > MAX_CHANGES_AT_ONCE:
+            names = ", ".join(repr(self.events[i].name) for i in sorted({*self.switched}))
             text = f"events {names} begin one another's systems at t = {exact(place.t)} and never settle"
             return Failure(Status.time_resolution, text)
         rtol = 0.0 if self.request.rtol is None else float(np.max(self.request.rtol))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -329,7 +331,7 @@ def latched(caught):
 
 def test_a_mechanism_catches_a_body_and_is_read_by_name_in_each_phase():
     free, caught = latched(False), latched(True)
-    problem, angle = free.problem((0, 2.5)), free.coordinate("A")
+    problem, angle = free.problem((0, 2.5)), free.measure("A")
     begun = caught.problem((0, 1)).system
     latch = hb.Event(
         lambda t, q, v: angle(t, q, v) + np.pi / 2, direction=-1, during=problem.system, then=begun, name="latch"
@@ -431,6 +433,18 @@ def test_a_ball_on_a_shaken_table_is_thrown_off_and_lands_again(solver, rate):
         t = next(s for s in later if s > lands) if presses else lands
     own = np.unique(found.t_events[1].round(6))  # within its error a solver may land and lift again at once
     np.testing.assert_allclose(own, times, atol=1e-6)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_ball_that_falls_onto_a_shaken_table_bounces_rests_and_is_thrown_off(solver):
+    """Numbers: the closed flights, impacts and throws, in a few lines of NumPy of another hand."""
+    table = shaken(0.3, 15.0)
+    off = table.events[0].during
+    found = hb.solve(replace(table, system=off, t_span=(0, 3), q0=np.array([0.3]), v0=np.zeros(1)), solver, rtol=1e-6)
+    assert found.status.label == "success"
+    assert {0.4895, 0.9084, 1.3273, 1.7461, 2.165, 2.5839} <= set(found.t_events[1].round(4))
+    assert found.q[-1, 0] == pytest.approx(0.042545, abs=1e-5)
+    assert (found.q[:, 0] - 0.05 * np.sin(15 * found.t)).min() > -1e-5
 
 
 def test_a_change_before_a_switch_is_not_held_by_the_constraints_that_end():

@@ -259,3 +259,45 @@ def test_without_mujoco_the_message_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(ImportError, match=r"pip install 'hhtbench\[mujoco\]'"):
         Mechanism.from_mjcf(written(tmp_path, mjcf(body("p", f'<joint name="j"/>{BALL}'))))
+
+
+ACTUATED = (
+    '<mujoco><option gravity="0 0 0" {option}/><worldbody><body name="p"><joint name="j" axis="0 1 0"/>'
+    '<geom type="capsule" size=".05" fromto="0 0 0 .5 0 0" contype="0" conaffinity="0"/></body>{more}</worldbody>'
+    '<actuator><motor name="m" joint="j" group="1"/></actuator>'
+    '<keyframe><key name="home" ctrl="0.2"/></keyframe></mujoco>'
+)
+
+
+def turned(m):
+    return float(m.of(hb.solve(m.problem((0, 1)), "projected", rtol=1e-9), "j").angle()[-1])
+
+
+def test_a_keyframe_has_its_controls_and_a_group_can_be_off(tmp_path):
+    path = written(tmp_path, ACTUATED.format(option="", more=""))
+    asked = turned(Mechanism.from_mjcf(path, controls={"m": 0.2}))
+    assert asked != 0.0
+    assert turned(Mechanism.from_mjcf(path, key="home")) == pytest.approx(asked)
+    assert turned(Mechanism.from_mjcf(path, key="home", controls={"m": 0.4})) == pytest.approx(2 * asked)
+    path = written(tmp_path, ACTUATED.format(option='actuatorgroupdisable="1"', more=""))
+    assert turned(Mechanism.from_mjcf(path, controls={"m": 0.2})) == 0.0
+
+
+def test_a_frame_that_is_moved_from_outside_is_left_out_where_it_is_dropped(tmp_path):
+    path = written(tmp_path, ACTUATED.format(option="", more='<body name="hand" mocap="true"/>'))
+    with pytest.raises(ProblemError, match="moving frames"):
+        Mechanism.from_mjcf(path)
+    assert list(Mechanism.from_mjcf(path, drop=["moving frames"]).bodies) == ["p"]
+
+
+def test_a_spring_that_passes_half_a_turn_ends_the_run_instead_of_jumping(tmp_path):
+    spring = '<joint name="j" axis="0 1 0" stiffness="1" springref="0"/>'
+    geom = '<geom type="capsule" size=".05" fromto="0 0 0 .5 0 0" contype="0" conaffinity="0"/>'
+    path = written(
+        tmp_path, f'<mujoco><option gravity="0 0 0"/><worldbody><body name="p">{spring}{geom}</body></worldbody></mujoco>'
+    )
+    m = Mechanism.from_mjcf(path)
+    m.assemble(rates={"j": 15.0})
+    found = hb.solve(m.problem((0, 3)), "projected", rtol=1e-7)
+    assert found.status.label == "nonfinite_callback"
+    assert abs(m.of(found, "j").angle()).max() < np.pi

@@ -332,19 +332,8 @@ def hanging():
 
 def test_an_event_finds_the_angle_of_a_joint_by_name():
     m = hanging()
-    angle = m.coordinate("A")
+    angle = m.measure("A")
     down = hb.Event(lambda t, q, v: angle(t, q, v) + np.pi / 2, direction=-1, name="down")
     found = hb.solve(m.problem((0, 1)), "projected", rtol=1e-9, events=[down])
     quarter = float(ellipk(0.5)) / np.sqrt(9.81)  # of a pendulum from level
     assert found.t_events[0] == pytest.approx([quarter], abs=1e-8)
-
-
-def test_what_cannot_be_read_says_what_can():
-    m = hanging()
-    found = hb.solve(m.problem((0, 0.1)), "projected", rtol=1e-6)
-    with pytest.raises(ProblemError, match="joint 'A' acts on 'ground' or 'bob'; got on='cart'"):
-        m.of(found, "A").force(on="cart")
-    with pytest.raises(ProblemError, match=r"no joint, body or force 'rope'\. There are A, W, bob, cart"):
-        m.of(found, "rope")
-    with pytest.raises(AttributeError, match=r"no 'force' to read of it; there are .*position"):
-        m.of(found, "bob").force()

@@ -18,7 +18,9 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse.csgraph import connected_components
 
-from hhtbench.mechanics.multibody.readings import along, coordinate_of, moves
+from hhtbench.mechanics.multibody.motion import moves
+from hhtbench.mechanics.multibody.readings import along, coordinate_of
+from hhtbench.mechanics.multibody.starts import expect_signs, slides
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.runtime.disk_cache import use_disk_cache
 
@@ -38,13 +40,15 @@ class Mobility:
     degrees_of_freedom: int
     redundant: int  #: number of rows that follow from others
     sharing: tuple[tuple[str, ...], ...]  #: joints whose reactions are not unique, in sets that share their loads
+    begins: tuple[tuple[str, float], ...] = ()  #: angles [rad] that motors of a rate start from, which nothing gave
 
     def __str__(self) -> str:
         text = f"{self.degrees_of_freedom} degrees of freedom"
+        begins = "".join(f"; motor {name!r} starts at {angle:.6g} rad" for name, angle in self.begins)
         if not self.redundant:
-            return f"{text}, no redundant rows"
+            return f"{text}, no redundant rows{begins}"
         sets = "; ".join(", ".join(names) for names in self.sharing)
-        return f"{text}, {self.redundant} redundant rows: these joints share their loads: {sets}"
+        return f"{text}, {self.redundant} redundant rows: these joints share their loads: {sets}{begins}"
 
 
 class _Local(NamedTuple):
@@ -113,7 +117,14 @@ def assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) ->
     except ProblemError:
         m.bodies.update(before)
         raise
-    return mobility(m)
+    free = [name for name, joint in m.joints.items() if joint.rows and joint.rows[0][0] == "speed"]
+    now = _counted(m, m.start()[0], {name: 2 * math.pi * m.joints[name].turns for name in m.joints}) if free else {}
+    return replace(mobility(m), begins=tuple((name, now[name][0]) for name in free if not _given(m, name, at)))
+
+
+def _given(m: Any, motor: str, at: dict[str, float]) -> bool:
+    """Whether ``at`` holds the angle of the joint of a motor."""
+    return any(m.joints[name].points is m.joints[motor].points for name in at)
 
 
 def _assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) -> None:
@@ -122,7 +133,7 @@ def _assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) -
     weight = _weight(_local(m.system(), t, q, v).mass)
     now = _counted(m, q, {name: 2 * math.pi * joint.turns for name, joint in m.joints.items()})
     goals = {name: float(at[_moving_joint(m, name).name]) for name in at} | _motors(m, t)
-    begun = {name: now[name][_slides(m, name)] for name in goals}
+    begun = {name: now[name][slides(m, name)] for name in goals}
     ratios = [abs(row.more["ratio"]) for family in ("gear", "screw") for row in m.rows.get(family, [])]
     steepest = max([1.0, *ratios, *(1 / ratio for ratio in ratios)])
     count = max([1, *(math.ceil(abs(goals[name] - begun[name]) * steepest / PART) for name in goals)])
@@ -131,8 +142,8 @@ def _assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) -
         q = _closed(_held(_eased(m, values, now), {name: values[name] for name in at}), t, q, weight)
         now = _counted(m, q, {name: angle for name, (angle, _) in now.items()})
     _place(m, q, v)
-    expect_signs(m, t)
-    driven = _held(m, {name: now[name][_slides(m, name)] for name in rates})
+    expect_signs(m)
+    driven = _held(m, {name: now[name][slides(m, name)] for name in rates})
     _place(m, q, _moved(driven, t, q, v, weight, rates))
     shown = _counted(m, q, dict.fromkeys(m.joints, 0.0))
     for name, joint in m.joints.items():
@@ -141,7 +152,7 @@ def _assemble(m: Any, at: dict[str, float], rates: dict[str, float], t: float) -
 
 def _counted(m: Any, q: Any, near: dict[str, float]) -> dict[str, tuple[float, float]]:
     """Angle and travel of every joint by name; in space the angles within half a turn of ``near``."""
-    angle, travel, _ = moves(m, q, q) if m.joints else (np.zeros((1, 0)),) * 3
+    angle, travel, *_ = moves(m, q, q) if m.joints else (np.zeros((1, 0)),) * 4
     turns = [0 if m.plane else round((near[name] - a) / (2 * math.pi)) for name, a in zip(m.joints, angle[0], strict=True)]
     found = {
         name: (float(a) + 2 * math.pi * k, float(s))
@@ -150,12 +161,6 @@ def _counted(m: Any, q: Any, near: dict[str, float]) -> dict[str, tuple[float, f
     measured = {name: joint.measured for name, joint in m.joints.items() if joint.measured is not None}
     values = {name: float(coordinate_of(m, kind, row, q[None], q[None])[0][0]) for name, (kind, row) in measured.items()}
     return found | {name: (value, value) for name, value in values.items()}
-
-
-def _slides(m: Any, name: str) -> int:
-    """1 if a joint is prismatic or a motor prescribes its travel, else 0."""
-    joint = m.joints[name]
-    return int(joint.kind == "prismatic" or (joint.kind == "motor" and joint.rows[0][0] == "slide"))
 
 
 def _motors(m: Any, t: float) -> dict[str, float]:
@@ -274,23 +279,3 @@ def _place(m: Any, q: Any, v: Any) -> None:
     for i, body in enumerate(m.bodies.values()):
         body.x, body.velocity, body.rate = parts[i, : m.dimension], moving[i, : m.dimension], np.asarray(rates[i])
         body.R, body.angle = np.asarray(R[i]), float(parts[i, 2]) if m.plane else 0.0
-
-
-def expect_signs(m: Any, t: float) -> None:
-    """Raise if the axis of a joint is reversed, or the angle of a motor half a turn off: their rows hold there too."""
-    if m.plane:
-        return
-    motors = _motors(m, t)
-    angles = _counted(m, m.start()[0], dict.fromkeys(m.joints, 0.0)) if motors else {}  # compiles
-    for name, value in motors.items():
-        if not _slides(m, name) and math.cos(angles[name][0] - value) < 0.0:
-            raise ProblemError(
-                f"motor {name!r} prescribes {value:.6g} rad at {t:g} s, the bodies are at {angles[name][0]:.6g} rad: "
-                f"call m.assemble(t={t:g})."
-            )
-    for joint in m.joints.values():
-        e = [m.pose(body)[1] @ frame for body, frame in zip((joint.first, joint.second), joint.frames, strict=True)]
-        axes = [2] if joint.kind in ("revolute", "cylindrical", "prismatic", "planar") else []
-        axes += [0, 1, 2] if joint.kind in ("weld", "prismatic") else []
-        if any(e[0][:, i] @ e[1][:, i] < 0.0 for i in axes):
-            raise ProblemError(f"joint {joint.name!r} has its axis reversed. Give a better pose.")

@@ -157,8 +157,8 @@ class Composites(Forces):
         effort
             Force [N] or torque [N m] along the coordinate: a number or a function of time in ``jax.numpy``.
         stiffness, damping, free
-            Of a spring [N/m, N m/rad] and damper, without force at the coordinate ``free``; angles in space are within half
-            a turn of it.
+            Of a spring [N/m, N m/rad] and damper, without force at the coordinate ``free``.  In space the quaternions do not
+            count turns: 2.89 rad from ``free`` the spring's moment is not a number, which ends a run.
         armature
             Inertia [kg, kg m^2] of the rotor about the coordinate.
         axis

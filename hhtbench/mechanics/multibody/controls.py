@@ -23,7 +23,8 @@ def controlled(m: Any, file: Any, controls: dict[str, Any]) -> None:
     if file.off("actuation"):
         return
     for i, name in enumerate(names):
-        if not unmodelled_reason(file, i):
+        disabled = file.model.opt.disableactuator >> int(file.model.actuator_group[i]) & 1
+        if not disabled and not unmodelled_reason(file, i):
             _add(m, file, i, controls.get(name, 0.0))
 
 

@@ -30,6 +30,7 @@ def tilts(at: Placed, rows: Rows) -> Array:
     return jnp.arctan2(jnp.sqrt(1 - cosine**2), cosine) - rows.value
 
 
+HALF_A_TURN = np.pi - 0.25  # angle from the free one up to which a spring in space is known: no step must jump the rest
 MEASURED = {"travel": travels, "angle": angles, "tilt": tilts}
 
 
@@ -63,13 +64,15 @@ class Drives(eqx.Module):
         return jnp.sum(self.stiffness * (measured - self.free) ** 2) / 2
 
     def measure(self, at: Placed) -> Array:
-        """Coordinates (j,); in space angles within half a turn of the free ones."""
+        """Coordinates (j,); in space angles within half a turn of the free ones, not a number where a spring would jump."""
         found = coordinates(at, self.rows, self.kinds)
         if at.angle is not None:
             return found
         turning = np.array([kind == "angle" for kind in self.kinds])
         apart = found - self.free
-        return self.free + jnp.where(turning, jnp.arctan2(jnp.sin(apart), jnp.cos(apart)), apart)
+        near = jnp.arctan2(jnp.sin(apart), jnp.cos(apart))
+        near = near + jnp.where((self.stiffness != 0.0) & (abs(near) > HALF_A_TURN), jnp.nan, 0.0)
+        return self.free + jnp.where(turning, near, apart)
 
     def rate(self, frame: Any) -> Rate:
         """Rates (j,) of the coordinates."""

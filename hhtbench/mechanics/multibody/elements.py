@@ -13,9 +13,10 @@ from jax import Array
 from hhtbench.mechanics import contact, forces, tyres
 from hhtbench.mechanics.bushings import rotation_vector
 from hhtbench.mechanics.multibody.frames import Placed
-from hhtbench.mechanics.multibody.rows import OfTime, Rows, angles, lengths
+from hhtbench.mechanics.multibody.rows import OfTime, Rows, angles, counted, lengths
 from hhtbench.protocol.system import parameter
 
+WINDING = 2 * np.pi - 0.5  # radians that torsion springs in space turn from their start; steps must not cross the rest
 Measure = Callable[[Array], Array]
 Tensions = Callable[[Array, Array], Array]
 
@@ -28,6 +29,7 @@ class Springs(eqx.Module):
     damping: Any = parameter(doc="[N s/m, N m s/rad]")
     free: Any = parameter(doc="measures without force [m, rad]")
     axes: Any = parameter(0.0, doc="of bushings: frames in the first and in the second bodies (j, 2, d, d)")
+    near: Any = parameter(0.0, doc="of torsion springs in space: quaternions, see rows.counted (j, 2, 4)")
 
     @property
     def law(self) -> Tensions:
@@ -106,11 +108,25 @@ class Tyres(Contacts):
 
     def resistance(self, frame: Any, touching: contact.Contact, push: Array, sliding: Array, q: Array, v: Array) -> Array:
         """Forces (j, d) [N] by slip."""
+        return tyres.slip_force(push, sliding, *self._travelling(frame, touching, q, v), self.rub)
+
+    def slip(self, frame: Any, q: Array, v: Array) -> Array:
+        """Slips (j, 2) along and across the rolling directions; in the plane (j,)."""
+        touching, _, pairs = self._pressed(frame, q, v)
+        apart = contact.distances_of_material(frame.module, *pairs, touching.point, q)
+        travel, ahead = self._travelling(frame, touching, q, v)
+        ratio = contact.along_surface(apart, touching, q, v) / tyres.reference_speed(travel, self.rub[:, 3])[:, None]
+        along = jnp.sum(ratio * ahead, axis=1)
+        if frame.dimension == 2:
+            return along
+        return jnp.stack([along, jnp.sum(ratio * jnp.cross(touching.normal, ahead), axis=1)], axis=1)
+
+    def _travelling(self, frame: Any, touching: contact.Contact, q: Array, v: Array) -> tuple[Array, Array]:
+        """Velocities (j, d) [m/s] of the centres along the road, and rolling directions (j, d)."""
         at, pairs = frame.placed(q), (np.array(self.rows.first), np.array(self.rows.second))
         axis = None if at.angle is not None else at.along(self.rows.first, self.rows.u)
         centre = contact.distances_of_material(frame.module, *pairs, self.rows.points(at)[0], q)
-        travel = contact.along_surface(centre, touching, q, v)
-        return tyres.slip_force(push, sliding, travel, tyres.rolling_directions(axis, touching.normal), self.rub)
+        return contact.along_surface(centre, touching, q, v), tyres.rolling_directions(axis, touching.normal)
 
 
 class Loads(eqx.Module):
@@ -142,12 +158,12 @@ def _at_time(constant: Array, laws: tuple[OfTime | None, ...], t: Any) -> Array:
     return constant
 
 
-def from_free(at: Placed, springs: Springs) -> Array:
-    """Angles (j,) [rad] of torsion springs; in space those within half a turn of the free ones."""
-    found = angles(at, springs.rows)
-    if at.angle is not None:
+def wound(at: Placed, springs: Springs) -> Array:
+    """Angles (j,) [rad] of torsion springs; in space not a number where turns can no longer be counted."""
+    found = counted(at, springs.rows, springs.near)
+    if at.p is None:
         return found
-    return springs.free + jnp.arctan2(jnp.sin(found - springs.free), jnp.cos(found - springs.free))
+    return found + jnp.where(abs(found - springs.rows.value) < WINDING, 0.0, jnp.nan)  # added: its derivative stays
 
 
 def offsets(at: Placed, springs: Springs) -> Array:
@@ -167,7 +183,7 @@ def offsets(at: Placed, springs: Springs) -> Array:
 
 MEASURES: dict[str, Callable[[Placed, Any], Array]] = {
     "spring": lambda at, springs: lengths(at, springs.rows),
-    "torsion": from_free,
+    "torsion": wound,
     "bushing": offsets,
     "contact": lambda at, contacts: contacts.touching(at).gap,
     "ball": lambda at, contacts: contacts.touching(at).gap,

@@ -43,10 +43,14 @@ def read(m: Any, path: Any, wanted: str, drop: Any, controls: Any, key: str | No
     for text in said:
         warnings.warn(f"{file.name}: {text.strip()}", stacklevel=4)
     try:
-        unmodelled.expect_modelled(File(mujoco, model), file.name, drop)
-        _fill(m, File(mujoco, model), {} if controls is None else controls)
-        if key is not None:
-            _start(m, File(mujoco, model), key)
+        robot = File(mujoco, model)
+        unmodelled.expect_modelled(robot, file.name, drop)
+        number = None if key is None else _key_number(robot, key)
+        start = np.zeros(model.nactuator) if number is None else model.key_ctrl[number]
+        given = {robot.given("actuator", i): float(value) for i, value in enumerate(start)}
+        _fill(m, robot, given | (controls or {}))
+        if number is not None:
+            _start(m, robot, number)
     except ProblemError as e:
         raise ProblemError(f"{file.name}: {e}") from None
     return m
@@ -97,7 +101,11 @@ class File:
     def body(self, i: int) -> str:
         """Name of the body that moves with body ``i``."""
         root = int(self.model.body_weldid[i])
-        return self.name("body", root) if root else GROUND
+        return self.name("body", root) if self.moves(root) else GROUND
+
+    def moves(self, i: int) -> bool:
+        """True if body ``i`` is one of the mechanism's: not part of another, and not held from outside."""
+        return i > 0 and bool(self.model.body_weldid[i] == i) and bool(self.model.body_mocapid[i] < 0)
 
     def off(self, flag: str) -> bool:
         """True if the file disables ``flag``."""
@@ -119,7 +127,7 @@ class File:
 def _fill(m: Any, file: File, controls: dict[str, Any]) -> None:
     model = file.model
     m.gravity = np.zeros(3) if file.off("gravity") else np.array(model.opt.gravity)
-    moving = [i for i in range(1, model.nbody) if model.body_weldid[i] == i]
+    moving = list(filter(file.moves, range(model.nbody)))
     for i in moving:
         _add_body(m, file, i)
     for i in moving:
@@ -247,14 +255,17 @@ def _add_equality(m: Any, file: File, i: int) -> None:
         m.weld(name, *bodies, points[0], at_second=points[1], axes=R1, axes_second=R2)
 
 
-def _start(m: Any, file: File, key: str) -> None:
-    """Poses and velocities of a keyframe."""
-    model, mujoco = file.model, file.mujoco
-    names = [file.name("key", i) for i in range(model.nkey)]
+def _key_number(file: File, key: str) -> int:
+    names = [file.name("key", i) for i in range(file.model.nkey)]
     if key not in names:
         raise ProblemError(f"there is no keyframe {key!r}; it has {', '.join(names) or 'none'}.")
-    data = mujoco.MjData(model)
-    mujoco.mj_resetDataKeyframe(model, data, names.index(key))
+    return names.index(key)
+
+
+def _start(m: Any, file: File, number: int) -> None:
+    """Poses and velocities of a keyframe."""
+    data = file.mujoco.MjData(file.model)
+    file.mujoco.mj_resetDataKeyframe(file.model, data, number)
     place(m, file, data)
 
 
@@ -264,7 +275,7 @@ def place(m: Any, file: File, data: Any) -> None:
     mujoco.mj_fwdPosition(model, data)
     mujoco.mj_fwdVelocity(model, data)
     for i in range(1, model.nbody):
-        if model.body_weldid[i] != i:
+        if not file.moves(i):
             continue
         body, R = m.bodies[file.name("body", i)], data.xmat[i].reshape(3, 3).copy()
         offset = R @ _welded(file, i)[1]

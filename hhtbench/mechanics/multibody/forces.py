@@ -50,13 +50,14 @@ class Forces(Joints):
     def torsion(self, name: str, joint: str, stiffness: float, damping: float = 0.0, free: float = 0.0) -> str:
         """Spring [N m/rad] and damper [N m s/rad] about a revolute joint, without moment at the angle ``free`` [rad].
 
-        The angle is zero in the drawn pose.  In the plane turns are counted; in space the moment jumps half a turn from
-        ``free``.
+        The angle is zero in the drawn pose, ``free`` may be turns away.  In the plane turns are counted.  In space the
+        quaternions show the angle up to one turn either way from the start of the problem: 5.78 rad from there the moment is
+        not a number, which ends a run.
         """
         self._expect_new(name)
         self._expect_numbers(name, stiffness=stiffness, damping=damping, free=free)
         row = self._turn(self._find(joint, "revolute", "cylindrical"), None, "torsion")
-        self.rows["torsion"][-1].more |= {"stiffness": stiffness, "damping": damping, "free": free}
+        self.rows["torsion"][-1].more |= {"stiffness": stiffness, "damping": damping, "free": free, "joint": joint}
         self.forces[name] = Element(name=name, kind="torsion", number=row[1])
         return name
 
@@ -76,7 +77,7 @@ class Forces(Joints):
         ``stiffness`` and ``damping`` (6,): three translations [N/m], three rotations [N m/rad]; in the plane (3,).
         ``free``: offsets without force, likewise [m, rad].
         ``axes`` (3, 3), columns, or (4,), a quaternion: the frames' rotation in space; along space if not given.  In the
-        plane their angle [rad] from the x axis as drawn; along the first body if not given.
+        plane their angle [rad] from the x axis as drawn; that of the first body if not given.
         """
         size = 3 if self.plane else 6
         values: dict[str, Any] = {

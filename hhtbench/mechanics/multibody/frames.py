@@ -20,12 +20,13 @@ ROUNDOFF = 1e-14  # of entries of rotation matrices
 
 class Placed(NamedTuple):
     """Positions of bodies: centres ``x`` (k + 1, d) [m], rotations ``R`` (k + 1, d, d) and, in the plane, ``angle``
-    (k + 1,) [rad]; the last body is the ground.
+    (k + 1,) [rad], in space quaternions ``p`` (k + 1, 4); the last body is the ground.
     """
 
     x: Array
     R: Array
     angle: Array | None = None
+    p: Array | None = None
 
     def point(self, bodies: tuple[int, ...], local: Any) -> Array:
         """Positions (j, d) [m] of the points ``local`` (j, d) of the bodies numbered ``bodies`` (j,)."""
@@ -62,7 +63,9 @@ class Space:
         """Positions of the bodies of ``q`` and of the ground."""
         x, p = space.split(q)
         R = space.rotation(p) / jnp.sum(p**2, axis=-1)[:, None, None]
-        return Placed(jnp.concatenate([x, jnp.zeros((1, 3))]), jnp.concatenate([R, jnp.eye(3)[None]]))
+        with_ground = (jnp.concatenate([a, b[None]]) for a, b in ((x, jnp.zeros(3)), (R, jnp.eye(3)), (p, jnp.eye(4)[0])))
+        x, R, p = with_ground
+        return Placed(x, R, p=p)
 
     @staticmethod
     def own_rows(q: Array) -> Array:
@@ -152,6 +155,11 @@ class Plane:
         """Forces (k, 2) at the centres and torques (k,) of generalised forces ``Q`` (3 k,)."""
         parts = jnp.reshape(Q, (-1, 3))
         return parts[:, :2], parts[:, 2]
+
+
+def product(p: Any, r: Any) -> Any:
+    """Product (4,) of two quaternions: the rotation ``p`` after ``r``."""
+    return np.array([p[0] * r[0] - p[1:] @ r[1:], *(p[0] * r[1:] + r[0] * p[1:] + np.cross(p[1:], r[1:]))])
 
 
 def quaternion(R: Any, near: Any = None) -> Any:

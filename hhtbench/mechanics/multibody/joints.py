@@ -259,8 +259,9 @@ class Joints(Parts):
 
         It holds the angle of a revolute joint, the travel of a prismatic one; of a cylindrical one the angle, or with
         ``travel=True`` the travel.  Laws are numbers or functions of time in ``jax.numpy``; numbers, and those of a
-        ``functools.partial``, are parameters, whose new values reuse the compiled code.  Call ``assemble`` afterwards: it
-        brings the bodies to the angle and the rate.  Read by its name, the motor's torque is that on the second body.
+        ``functools.partial`` except integers, are parameters, whose new values reuse the compiled code.  Call ``assemble``
+        afterwards: it brings the bodies to the angle and the rate, and tells where a rate begins.  Read by its
+        name, the motor's torque is that on the second body.
         """
         one = self._find(joint, "revolute", "prismatic", "cylindrical")
         self._expect_new(name)

@@ -7,20 +7,21 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-import jax
+import equinox as eqx
 import numpy as np
 
 from hhtbench.mechanics.lines import chain
-from hhtbench.mechanics.multibody import assembly
+from hhtbench.mechanics.multibody import assembly, motion, starts
 from hhtbench.mechanics.multibody.composites import Composites
-from hhtbench.mechanics.multibody.drives import Couples, Drives, Swivels, coordinates
+from hhtbench.mechanics.multibody.drives import Couples, Drives, Swivels
 from hhtbench.mechanics.multibody.elements import Contacts, Loads, Springs, Tyres
 from hhtbench.mechanics.multibody.forces import column
 from hhtbench.mechanics.multibody.frames import quaternion
 from hhtbench.mechanics.multibody.parts import GROUND
-from hhtbench.mechanics.multibody.readings import BodyReading, CoordinateReading, ElementReading, JointReading, tabulated
+from hhtbench.mechanics.multibody.readings import BodyReading, CoordinateReading, ElementReading, JointReading
 from hhtbench.mechanics.multibody.rows import Curves, Gears, Rolling, of_time
 from hhtbench.mechanics.multibody.system import ALL_FAMILIES, MEASURED, Multibody
+from hhtbench.mechanics.multibody.table import tabulated
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.system import Problem
 
@@ -62,7 +63,7 @@ class Mechanism(Composites):
         controls
             Controls of actuators by name: numbers, or functions of time in ``jax.numpy``; 0 of those not named.
         key
-            Name of the keyframe to start at.
+            Name of the keyframe to start at; its controls are those that are not given.
 
         Raises
         ------
@@ -141,12 +142,17 @@ class Mechanism(Composites):
             values = {name: column(rows, name) for name in names}
             made_of = Tyres if kind == "tyre" else Contacts
             return made_of(made, **values, balls=kind == "ball", rubs=bool(values["rub"][:, 0].any()))
-        axes = column(rows, "axes") if kind == "bushing" else 0.0
         if kind == "drive":
             numbers = {name: column(rows, name) for name in ("stiffness", "damping", "free", "inertia")}
             return Drives(made, kinds=tuple(row.more["kind"] for row in rows), **numbers)
         springs = {name: column(rows, name).ravel() for name in ("stiffness", "damping", "free")}
-        return Springs(rows=made, axes=axes, **springs)
+        if kind == "bushing":
+            return Springs(rows=made, axes=column(rows, "axes"), **springs)
+        if kind == "torsion" and not self.plane:
+            value, near = zip(*(motion.at_present(self, self.joints[row.more["joint"]]) for row in rows), strict=True)
+            made = eqx.tree_at(lambda one: one.value, made, np.array(value))
+            return Springs(rows=made, near=np.array(near), **springs)
+        return Springs(rows=made, **springs)
 
     def _swivels(self) -> Swivels:
         rows = self.rows["swivel"]
@@ -171,7 +177,8 @@ class Mechanism(Composites):
         Call :meth:`assemble` before if the bodies do not fit their joints yet.
         """
         self.made, (q0, v0) = self.system(), self.start()
-        assembly.expect_signs(self, float(t_span[0]))
+        starts.expect_signs(self)
+        starts.expect_motors(self, float(t_span[0]))
         return Problem(name=name, system=self.made, t_span=t_span, q0=q0, v0=v0, **{"sketch": self.sketch} | options)
 
     def assemble(
@@ -206,12 +213,6 @@ class Mechanism(Composites):
         """Degrees of freedom at the present poses, and the joints whose rows are redundant there."""
         return assembly.mobility(self)
 
-    def coordinate(self, joint: str) -> Callable[[Any, Any, Any], Any]:
-        """Function ``(t, q, v)`` of the angle [rad] or travel [m] of a joint, for events; in space within half a turn."""
-        kind = self._measured(joint, "coordinate")
-        rows, frame = self.arrays([self.rows.pop("coordinate")[-1]]), self.frame
-        return jax.jit(lambda t, q, v: coordinates(frame.placed(q), rows, (kind,))[0])
-
     def of(self, solution: Any, name: str) -> Any:
         """What ``solution`` tells of a joint, motor, body, spring, bushing, contact or tyre: forces, poses, energies."""
         if name in self.joints and self.joints[name].measured is not None:
@@ -228,8 +229,22 @@ class Mechanism(Composites):
         hint = did_you_mean(name, known) or f" There are {', '.join(known)}."
         raise ProblemError(f"there is no joint, body or force {name!r}.{hint}")
 
+    def measure(self, joint: str, *, travel: bool = False, rate: bool = False) -> Callable[[Any, Any, Any], Any]:
+        """Function of (t, q, v) for events, changes and forces: angle [rad] or travel [m] of ``joint`` from the drawn pose.
+
+        It is the angle of a revolute or cylindrical joint, with ``travel=True`` and of others the travel, with ``rate=True``
+        their rate [rad/s, m/s].  In the plane turns are counted; in space angles are those within one turn of the present
+        pose, so call ``assemble`` before.  JAX can trace it.
+        """
+        one = self._find(joint, *motion.TURNING, *motion.SLIDING)
+        if travel and one.kind == "revolute":
+            raise ProblemError(f"joint {joint!r} is revolute: it has no travel.")
+        return motion.function_of(motion.measure_of(self, one, slides=travel or one.kind not in motion.TURNING), rate=rate)
+
     def table(self, solution: Any) -> dict[str, Any]:
-        """Columns by name for a data frame: time, centres of bodies, angles, travels, forces and torques of joints."""
+        """Columns by name for a data frame: time; positions, velocities, rates of bodies; angles, travels, rates, forces,
+        torques of joints; powers of motors; what ``of`` reads of springs, contacts and tyres.
+        """
         return tabulated(self, solution)
 
     def sketch(self, q: Any) -> dict[str, Any]:

@@ -12,40 +12,12 @@ import numpy as np
 
 from hhtbench.mechanics.forces import rates
 from hhtbench.mechanics.multibody.drives import coordinates
+from hhtbench.mechanics.multibody.motion import SLIDING, TURNING, moves
 from hhtbench.mechanics.multibody.parts import GROUND, Joint
-from hhtbench.mechanics.multibody.rows import Rows, angles, travels, turning
+from hhtbench.mechanics.multibody.rows import Rows
 from hhtbench.protocol.errors import ProblemError
 
 RANK = 1e-9  # singular values below this part of the largest are zero
-
-TURNING = "revolute", "cylindrical"  # joints with an angle
-SLIDING = "prismatic", "cylindrical", "on_line"  # with a travel
-
-
-def moves(m: Any, q: Any, v: Any) -> Any:
-    """Angles in (-pi, pi] in space, travels and rates (k, j) of all joints of ``m`` at states ``q, v`` (n,) or (k, n)."""
-    joints = list(m.joints.values())
-    first, second = (tuple(m.number(getattr(joint, side)) for joint in joints) for side in ("first", "second"))
-    a, b = (np.array([joint.points[i] for joint in joints]) for i in (0, 1))
-    one, other = (np.array([joint.frames[i] for joint in joints]) for i in (0, 1))
-    laws = (None,) * len(joints)
-    drawn = np.array([joint.drawn for joint in joints])
-    rows = Rows(
-        first=first, second=second, laws=laws, a=a, b=b, u=one[:, :, 0], w=other[:, :, 0], y=one[:, :, 1], value=drawn
-    )
-    return _moves(m.frame, rows, one[:, :, -1], other[:, :, -1], np.atleast_2d(q), np.atleast_2d(v))
-
-
-@eqx.filter_jit
-def _moves(frame: Any, rows: Rows, axis: Any, axis_second: Any, q: Any, v: Any) -> Any:
-    sliding = eqx.tree_at(lambda one: one.u, rows, axis)
-    turned = eqx.tree_at(lambda one: one.b, rows, axis_second)
-
-    def one(q: Any, v: Any) -> Any:
-        at = frame.placed(q)
-        return angles(at, rows), travels(at, sliding), turning(frame, turned, q, v)
-
-    return jax.vmap(one)(q, v)
 
 
 @eqx.filter_jit
@@ -97,9 +69,9 @@ def _measured(system: Any, kind: str, q: Any, v: Any) -> Any:
 
 
 @eqx.filter_jit
-def _rubbing(system: Any, kind: str, q: Any, v: Any) -> Any:
-    """Forces (k, j, d) along the surfaces of all contacts of a kind at k times."""
-    return jax.vmap(lambda q, v: system.elements[kind].rubbing(system.frame, q, v))(q, v)
+def _along_surface(system: Any, kind: str, function: str, q: Any, v: Any) -> Any:
+    """Values (k, j, ...) of ``function`` of all contacts of a kind at k times: their friction or slip."""
+    return jax.vmap(lambda q, v: getattr(system.elements[kind], function)(system.frame, q, v))(q, v)
 
 
 def _cross(lever: Any, force: Any) -> Any:
@@ -124,7 +96,8 @@ def coordinate_of(m: Any, kind: str, row: Any, q: Any, v: Any) -> tuple[Any, Any
 class Reading:
     """Values at the times of a solution, (k, ...)."""
 
-    def __init__(self, m: Any, solution: Any) -> None:
+    def __init__(self, m: Any, solution: Any, what: str) -> None:
+        self._what = what  #: kind and name, for messages
         self._m, self._solution, self.t = m, solution, np.asarray(solution.t)
         if not self.t.size:
             raise ProblemError(f"the solution has no rows to read: {solution.status.label}: {solution.message}")
@@ -149,8 +122,10 @@ class Reading:
         return np.concatenate(own), True
 
     def __getattr__(self, name: str) -> Any:
-        known = ", ".join(one for one in dir(type(self)) if not one.startswith("_"))
-        raise AttributeError(f"there is no {name!r} to read of it; there are {known}.")
+        if name.startswith("_"):
+            raise AttributeError(name)
+        readings = ", ".join(one for one in dir(type(self)) if not one.startswith("_"))
+        raise AttributeError(f"{self._what} has no {name}; it has {readings}.")
 
     @cached_property
     def _multipliers(self) -> tuple[Any, Any]:
@@ -188,7 +163,7 @@ class JointReading(Reading):
     """
 
     def __init__(self, m: Any, solution: Any, joint: Joint) -> None:
-        super().__init__(m, solution)
+        super().__init__(m, solution, f"{joint.kind} {joint.name!r}")
         self._joint = joint
 
     @cached_property
@@ -212,14 +187,22 @@ class JointReading(Reading):
         point = x[:, second] + np.asarray(self._placed.R)[:, second] @ joint.points[1]
         lever = x[:, :-1] - point[:, None]
         torque = torque + _cross(lever, force)
-        if on is None:
-            on = joint.second
-        elif on not in (joint.first, joint.second) and joint.kind not in ("gear", "couple"):
-            both = f"{joint.first!r} or {joint.second!r}"
-            raise ProblemError(f"joint {joint.name!r} acts on {both}; got on={on!r}.")
+        on = joint.second if on is None else on
+        if on not in (partners := self._partners()):
+            raise ProblemError(f"{self._what} acts on {' and '.join(partners)}; got on={on!r}.")
         if on == GROUND:  # it holds what the bodies do not balance
             return -np.sum(force, axis=1), -np.sum(torque, axis=1)
         return force[:, m.number(on)], torque[:, m.number(on)]
+
+    def _partners(self) -> list[str]:
+        """Names of the bodies that the joint's rows act on."""
+        rows = [
+            self._m.rows[name][i]
+            for family, i in self._joint.rows
+            for name in (family, f"{family} other")
+            if name in self._m.rows
+        ]
+        return list(dict.fromkeys(body for row in rows for body in row.bodies))
 
     @property
     def shares_with(self) -> tuple[str, ...]:
@@ -240,7 +223,7 @@ class JointReading(Reading):
 
     @cached_property
     def _motion(self) -> Any:
-        """Angles in (-pi, pi] in space, travels and rates (3, k)."""
+        """Angles in (-pi, pi] in space, travels and rates of both (4, k)."""
         number = list(self._m.joints).index(self._joint.name)
         return [np.asarray(x[:, number]) for x in moves(self._m, *self._state[1:3])]
 
@@ -251,7 +234,7 @@ class JointReading(Reading):
     def angle(self) -> Any:
         """Angle (k,) [rad] from the drawn pose, with its turns: at the start by ``assemble``, between rows by the rates."""
         self._expect("angle", *TURNING)
-        found, _, rate = self._motion
+        found, _, rate, _ = self._motion
         if self._m.plane:
             return found
         found = found + 2 * np.pi * np.asarray(self._system.turns)[list(self._m.joints).index(self._joint.name)]
@@ -260,9 +243,9 @@ class JointReading(Reading):
         return found + np.concatenate([[0.0], 2 * np.pi * np.cumsum(turns)])
 
     def rate(self) -> Any:
-        """Rate (k,) [rad/s] of the second body about the axis."""
-        self._expect("rate", *TURNING)
-        return self._motion[2]
+        """Rate (k,) of the angle [rad/s] or, without an angle, of the travel [m/s]."""
+        self._expect("rate", *TURNING, *SLIDING)
+        return self._motion[2 if self._joint.base in TURNING else 3]
 
     def travel(self) -> Any:
         """Travel (k,) [m] along the axis."""
@@ -277,7 +260,7 @@ class CoordinateReading(JointReading):
     def _motion(self) -> Any:
         kind, row = self._joint.measured
         value, rate = coordinate_of(self._m, kind, row, *self._state[1:3])
-        return [value, value, rate]
+        return [value, value, rate, rate]
 
     def _expect(self, what: str, *kinds: str) -> None:
         kind = self._joint.measured[0]
@@ -292,7 +275,7 @@ class BodyReading(Reading):
     """Pose, velocities, accelerations and energy of a body."""
 
     def __init__(self, m: Any, solution: Any, name: str) -> None:
-        super().__init__(m, solution)
+        super().__init__(m, solution, f"body {name!r}")
         self._name, self._number = name, m.number(name)
 
     def position(self, local: Any = None) -> Any:
@@ -342,7 +325,7 @@ class ElementReading(Reading):
     """Measure, its rate and tension of a spring, torsion spring, bushing or contact."""
 
     def __init__(self, m: Any, solution: Any, element: Any) -> None:
-        super().__init__(m, solution)
+        super().__init__(m, solution, f"{element.kind} {element.name!r}")
         self._element = element
 
     @cached_property
@@ -367,34 +350,14 @@ class ElementReading(Reading):
 
     def friction(self) -> Any:
         """Force (k, d) [N] along the surface on the first body of a contact, or on the wheel of a tyre."""
-        elements = self._system.elements[self._element.kind]
-        if not hasattr(elements, "rubbing"):
-            raise ProblemError(f"{self._element.kind} {self._element.name!r} has no friction.")
-        return np.asarray(_rubbing(self._system, self._element.kind, *self._state[1:3]))[:, self._element.number]
+        return self._along_surface("rubbing", "friction")
 
+    def slip(self) -> Any:
+        """Slip (k, 2) of a tyre along and across its rolling direction, in the plane (k,), see ``tyres.slip_force``."""
+        return self._along_surface("slip", "slip")
 
-def tabulated(m: Any, solution: Any) -> dict[str, Any]:
-    """Columns by name: centres of bodies; angles or travels, forces and torques of joints."""
-    found: dict[str, Any] = {"t": Reading(m, solution).t}
-
-    def add(name: str, values: Any) -> None:
-        if values.ndim == 1:
-            found[name] = values
-        else:
-            found.update({f"{name}.{axis}": column for axis, column in zip("xyz", values.T, strict=False)})
-
-    for name in m.bodies:
-        add(name, BodyReading(m, solution, name).position())
-    for name, joint in m.joints.items():
-        if joint.measured is not None:
-            kind = "travel" if joint.kind == "slide" else "angle"
-            add(f"{name}.{kind}", getattr(CoordinateReading(m, solution, joint), kind)())
-            continue
-        reading = JointReading(m, solution, joint)
-        if joint.base in TURNING:
-            add(f"{name}.angle", reading.angle())
-        if joint.base in SLIDING:
-            add(f"{name}.travel", reading.travel())
-        add(f"{name}.force", reading.force())
-        add(f"{name}.torque", reading.torque())
-    return found
+    def _along_surface(self, function: str, what: str) -> Any:
+        kind, elements = self._element.kind, self._system.elements[self._element.kind]
+        if not hasattr(elements, function):
+            raise ProblemError(f"{self._what} has no {what}.")
+        return np.asarray(_along_surface(self._system, kind, function, *self._state[1:3]))[:, self._element.number]

@@ -8,7 +8,9 @@ Source: P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice
 from __future__ import annotations
 
 import functools
+import operator
 from collections.abc import Callable
+from numbers import Integral
 from typing import Any
 
 import equinox as eqx
@@ -16,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from hhtbench.mechanics import space
 from hhtbench.mechanics.forces import distances
 from hhtbench.mechanics.multibody.frames import Placed
 from hhtbench.protocol.system import parameter
@@ -26,18 +29,25 @@ Law = Callable[[Any], Any]  # a function of time
 class OfTime(eqx.Module):
     """A function of time, whose ``numbers`` are parameters: new values reuse the compiled code."""
 
-    function: Callable[..., Any] = eqx.field(static=True)  #: of the numbers, then time
+    function: Callable[..., Any] = eqx.field(static=True)  #: of the arguments, then time
     numbers: tuple[Any, ...] = ()
+    integers: tuple[int | None, ...] = eqx.field(static=True, default=())  #: arguments; None stands for the next number
 
     def __call__(self, t: Any) -> Any:
         """Value at time ``t`` [s]."""
-        return self.function(*self.numbers, t)
+        numbers = iter(self.numbers)
+        return self.function(*(next(numbers) if x is None else x for x in self.integers), t)
 
 
 def of_time(law: Law | None) -> OfTime | None:
-    """``law`` as an object whose parameters are the numbers of a ``functools.partial``; None without a law."""
+    """``law`` as an object whose parameters are the numbers of a ``functools.partial``; None without a law.
+
+    Integers, which may count or index, stay what they are: a new one compiles anew.
+    """
     if isinstance(law, functools.partial) and not law.keywords and all(np.asarray(x).dtype.kind in "iuf" for x in law.args):
-        return OfTime(law.func, tuple(jnp.asarray(x, dtype=float) for x in law.args))
+        integers = tuple(operator.index(x) if isinstance(x, Integral) else None for x in law.args)
+        numbers = (jnp.asarray(x, dtype=float) for x, integer in zip(law.args, integers, strict=True) if integer is None)
+        return OfTime(law.func, tuple(numbers), integers)
     return law if law is None else OfTime(law)
 
 
@@ -122,6 +132,21 @@ def angles(at: Placed, rows: Rows) -> Array:
         return at.angle[jnp.array(rows.second)] - at.angle[jnp.array(rows.first)] - rows.value
     cosine, sine = _cosine_and_sine(at, rows)
     return jnp.arctan2(sine, cosine) + rows.value
+
+
+def counted(at: Placed, rows: Rows, near: Any) -> Array:
+    """Angles (j,) [rad] of the second about the first; in space within one turn of ``value`` in either direction.
+
+    A quaternion holds half the angle, so it shows two turns.  ``near`` (j, 2, 4): the quaternions of the second bodies in
+    the first at the angles ``value``, and their derivatives by half the angle.
+    """
+    if at.p is None:
+        return angles(at, rows)
+    one, other = at.p[np.array(rows.first)], at.p[np.array(rows.second)]
+    vector = jnp.einsum("jik,jk->ji", space.body_rate_matrix(one), other)
+    relative = jnp.concatenate([jnp.sum(one * other, axis=1, keepdims=True), vector], axis=1)
+    cosine, sine = jnp.einsum("jik,jk->ij", jnp.asarray(near), relative)
+    return rows.value + 2 * jnp.arctan2(sine, cosine)
 
 
 def _cosine_and_sine(at: Placed, rows: Rows) -> tuple[Array, Array]:
