@@ -242,7 +242,8 @@ class Solution(Filled):
         if self.interpolant is None:
             raise ValueError(
                 "this solution has no dense output: no step was accepted, the solver is a library's that was not asked "
-                "for it (dense_output=True), or with t_eval there were more steps than it keeps (keep_steps=True: all)."
+                "for it (dense_output=True), its events are found between the steps (give t_eval), or with t_eval there "
+                "were more steps than it keeps (keep_steps=True: all)."
             )
         found = self.interpolant(t)
         if not project:

@@ -82,7 +82,7 @@ class PhaseFunctions:
             g = of_dynamics(unreduced(self.dynamics)).levels.at(place.t, place.q, place.v).position
             i, row = int(np.argmax(off)), int(np.argmax(np.abs(g)))
             text = f"its constraints do not hold there: g[{row}] = {g[row]:.3g}, and q[{i}] would move by {off[i]:.3g}"
-            return Failure(Status.inconsistent_initial, f"{where} {text}; let the event happen where they hold.")
+            return Failure(Status.inconsistent_initial, f"{where} {text}; let it happen where they hold, or tighten rtol.")
         return self.changes.point(place.t, q, v, place.size_q, place.size_v)
 
     def passed(self, known: Vector) -> int | None:
