@@ -108,9 +108,12 @@ class Changes:
                 self.made.append(crossing.index)
                 sides[crossing.index] = crossing.side
         state = self.point(state.t, state.q, state.v, state.size_q, state.size_v)
-        before = known[: values.size]  # of an event that acts: it would have been found before
-        acts = (before != 0.0) & [event.acts for event in self.events]
-        values = np.where(acts, np.copysign(np.maximum(np.abs(values), BESIDE), before), values)
+        before = known[: values.size]
+        stops = [
+            event.acts and side != 0.0 and event.direction in (0, -side)
+            for event, side in zip(self.events, np.sign(before), strict=True)
+        ]
+        values = np.where(stops, np.copysign(np.maximum(np.abs(values), BESIDE), before), values)  # else found before
         return state, changed_values(self.events, sides, np.concatenate([values, unsure]), state, h, self.work)
 
     def _values(self, at: Point) -> Vector:

@@ -59,7 +59,7 @@ class Mechanism(Composites):
         Parameters
         ----------
         drop
-            Kinds of what is not modelled and shall be left out, such as ``["contacts", "limits"]``; True: all of them.
+            Kinds to leave out, such as ``["contacts", "limits"]``; True: every kind that is not modelled.
         controls
             Controls of actuators by name: numbers, or functions of time in ``jax.numpy``; 0 of those not named.
         key

@@ -13,7 +13,7 @@ SHOWN = 5  # names in a message
 
 
 def expect_modelled(file: Any, path: str, drop: Any) -> None:
-    """Raise with the names of what is not modelled, except of the kinds ``drop``; True drops all."""
+    """Raise an error that names the elements that are not modelled, unless ``drop`` has their kind or is True."""
     found = {kind: names for kind, names in _found(file).items() if names}
     if drop is True:
         return
