@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from hhtbench.lowering.equations import Equations
     from hhtbench.protocol.errors import NotFoundError, ProblemError, Stop
     from hhtbench.protocol.lagrange import from_sympy
+    from hhtbench.protocol.sampled import Sampled
     from hhtbench.protocol.system import Motion, NumpySystem, Problem, Scales, System, parameter
     from hhtbench.solution.request import Request, plan_steps
     from hhtbench.solution.result import Counters, Ends, Solution, Status
@@ -51,6 +52,7 @@ __all__ = [
     "ProblemError",
     "Request",
     "Runs",
+    "Sampled",
     "Scales",
     "Solution",
     "Status",
@@ -91,6 +93,7 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "lowering.equations": ("Equations",),
     "protocol.errors": ("NotFoundError", "ProblemError", "Stop"),
     "protocol.lagrange": ("from_sympy",),
+    "protocol.sampled": ("Sampled",),
     "protocol.system": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
     "catalogue.registry": (
         *("list_problems", "list_solvers", "list_verifications"),

@@ -11,7 +11,7 @@ import numpy as np
 from hhtbench.catalogue.registry import load_problem, load_solver, with_events
 from hhtbench.checks.result.success import check_success
 from hhtbench.protocol.errors import BudgetSpent
-from hhtbench.protocol.system import Problem, Solver
+from hhtbench.protocol.system import Problem, Solver, declared
 from hhtbench.solution.counting import Clock, handed_over
 from hhtbench.solution.request import Request, check_output_times, make_request, with_tolerance
 from hhtbench.solution.result import Counters, Solution, Status
@@ -73,7 +73,7 @@ def solve(
     clock.note_preparation("importing problem and solver", time.perf_counter() - began)
     if asked.t_eval is not None:
         check_output_times(asked.t_eval, *loaded.t_span)
-    chosen = with_events(chosen, loaded.events if events is None else events)
+    chosen = with_events(chosen, loaded, events)
     with handed_over(clock):
         try:
             if accuracy is not None:
@@ -110,6 +110,7 @@ def _once(problem: Problem, solver: Solver, request: Request, clock: Clock) -> S
     if not isinstance(found, Solution):
         return _nothing(problem, Status.unreliable, doubt)
     tools = {"judge_of": partial(_judged, problem, request), "drift_of": partial(_drifted, problem)}
+    tools["layout"] = declared(problem.system, "layout")
     return found.but(status=Status.unreliable, message=doubt, **tools) if doubt else found.but(**tools)
 
 

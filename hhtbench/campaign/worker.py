@@ -76,7 +76,7 @@ class Bench:
         except (ProblemError, TypeError) as error:
             return {"status": Status.declined.label, "message": f"it cannot be loaded: {error}"}
         problem = self._problems[names[0], certificate]
-        solver = with_events(self._solvers[names[1]], problem.events)
+        solver = with_events(self._solvers[names[1]], problem)
         warm = self._warm.setdefault(names, {})
         if task["repeats"]:
             return time_cell(problem, solver, task["request"], "s" in warm, self._tell)

@@ -229,16 +229,20 @@ def _kind_of(value: Any) -> str:
     return f"the class {value.__name__}" if isinstance(value, type) else f"{type(value).__name__}"
 
 
-def with_events(solver: Solver, events: Any) -> Solver:
-    """Return the solver with its own events, or with those found between its steps; itself where there are none."""
-    listed = events if isinstance(events, (list, tuple)) else [events]
+def with_events(solver: Solver, problem: Problem, events: Any = None) -> Solver:
+    """Return the solver with ``events``, if None those of the problem, and with the samples of its inputs.
+
+    They are the solver's own events or those found between its steps; without any it is the solver itself.
+    """
+    events = problem.events if events is None else events
+    listed = [*(events if isinstance(events, (list, tuple)) else [events]), *problem.samples]
     if not listed:
         return solver
     from hhtbench.protocol.wrong_use import require_events
 
-    require_events(events)
-    between = any(getattr(event, "between_steps", False) for event in listed)
+    require_events(listed)
+    between = bool(problem.samples) or any(getattr(event, "between_steps", False) for event in listed)
     own: Any = None if between else getattr(solver, "with_events", None)
     own = own or partial(plugins.load("name", "with_events"), solver)
-    made: Solver = own(events)
+    made: Solver = own(listed)
     return made

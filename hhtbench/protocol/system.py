@@ -99,7 +99,7 @@ WITH_VELOCITY = {  # reactions that depend on v too (friction in a joint), recog
 }
 NEAR = 0.8  # similarity by difflib: "constraints" is 0.95 like "constraint", "force_limit" 0.63 like "force"
 OTHER_WORDS = dict.fromkeys(("mass", "masses", "M"), "mass_matrix")  # synonyms that difflib does not match
-DECLARABLE = (*SIGNATURES, "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
+DECLARABLE = (*SIGNATURES, "state_rate", "sparsity")  # the last: a mapping, name of a pattern -> booleans, see PATTERNS
 TAGS = (  # kinds of problems, for choosing among them
     "holonomic",
     "velocity-level",
@@ -166,6 +166,11 @@ class System(eqx.Module):
         Power [W] that enters ``energy`` (dampers, forces without a potential, moving constraints): along every motion
         ``d energy/dt = power``.  Undeclared: the energy is conserved.
 
+    ``state_rate(t, q, v, x) -> (k,)``
+        Rates of first-order states x, which start at ``Problem.x0``: ``x' = state_rate``.
+        Forces, reactions, ``state_rate`` and what is measured take states by a further argument ``x`` and the sampled
+        inputs of ``Problem.inputs`` by ``u``, as ``force(t, q, v, x, u)``; a ``velocity_constraint`` takes ``u``.
+
     The derivatives in ``DERIVATIVES`` may be declared too; automatic differentiation gives those that are not.
     ``sparsity`` maps names in ``PATTERNS`` to boolean arrays, the nonzero patterns of these matrices of large systems; the
     patterns of the other matrices are found from the functions' computation graphs.
@@ -196,6 +201,11 @@ class System(eqx.Module):
 def _wrong_use() -> Any:
     """The page of messages, imported where one is needed."""
     return importlib.import_module("hhtbench.protocol.wrong_use")
+
+
+def _extension() -> Any:
+    """The module on states and inputs, imported where a problem has them."""
+    return importlib.import_module("hhtbench.protocol.extended")
 
 
 def _expect_order(owner: str, name: str, function: Any) -> None:
@@ -314,12 +324,16 @@ class Motion(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Scales:
-    """Typical sizes of q, v, lam and mu that scale errors and drift: one number each or one per component."""
+    """Typical sizes of q, v, lam, mu, states x and inputs u that scale errors and drift: one number each or one per
+    component.
+    """
 
     q: Any = 1.0
     v: Any = 1.0
     lam: Any = 1.0
     mu: Any = 1.0
+    x: Any = 1.0
+    u: Any = 1.0
 
 
 class Unscaled(Scales):
@@ -354,6 +368,8 @@ class Problem(Printed):
     lam_guess: Vector | None = None  #: (m,) starting guess of the multipliers; it picks the root where Q is nonlinear
     mu_guess: Vector | None = None  #: (p,) the same for the velocity constraints
     events: Any = ()  #: :class:`hhtbench.Event`, one or a list: a part of the motion, as impacts are
+    x0: Vector | None = None  #: (k,) first-order states at the start, of a system with ``state_rate``
+    inputs: Any = ()  #: :class:`hhtbench.Sampled`, one or a list: inputs u that are held between samples
     scales: Scales = UNSCALED
     observables: Mapping[str, Observable] = field(default_factory=dict)  #: name -> fn(t, q, v, lam)
     exact: Callable[[float], Motion] | None = None  #: closed solution
@@ -386,6 +402,10 @@ class Problem(Printed):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, real_vector(name, value))
+        further = self.x0 is not None or np.size(self.inputs) or declared(self.system, "state_rate") is not None
+        if further and declared(self.system, "layout") is None:
+            for name, value in _extension().extended_fields(self).items():
+                object.__setattr__(self, name, value)
 
     @property
     def note_on_scales(self) -> str:
@@ -410,7 +430,15 @@ class Problem(Printed):
     def with_system(self, system: System | NumpySystem) -> Problem:
         """Return this problem with another system, without guesses of multipliers and what belongs to one motion."""
         none: dict[str, Any] = dict.fromkeys(("lam_guess", "mu_guess", "exact", "reference", "minimal"))
+        layout = declared(self.system, "layout")
+        if layout is not None and declared(system, "layout") is None:
+            system = _extension().extended(system, layout)
         return dataclasses.replace(self, system=system, **none)
+
+    @property
+    def samples(self) -> tuple[Any, ...]:
+        """Periodic changes of the state by which the inputs are sampled."""
+        return () if not np.size(self.inputs) else _extension().samples_of(self)
 
 
 class Solver(Protocol):

@@ -210,6 +210,7 @@ class Solution(Filled):
     #: where events changed the system; columns of ``lam`` and ``mu`` that a phase's system does not have are zero in it
     phases: tuple[Phase, ...] = ()
     impacts: tuple[Impact, ...] = ()  #: of events with ``restitution`` or ``then``
+    layout: Any = None  #: of states and inputs in ``v`` and ``q``, where the problem has some
     #: dense output over the accepted steps
     interpolant: Callable[[Any], DenseOutput] | None = field(default_factory=lambda: None)
     #: projects dense output onto the constraints; not pickled
@@ -225,6 +226,16 @@ class Solution(Filled):
     def success(self) -> bool:
         """True when the interval's end (or a terminal event) was reached."""
         return self.status in (Status.success, Status.event)
+
+    @property
+    def x(self) -> Matrix:
+        """(n_t, k) first-order states; (n_t, 0) of a problem without."""
+        return self.v[:, :0] if self.layout is None else np.asarray(self.layout.x(self.v))
+
+    @property
+    def u(self) -> Matrix:
+        """(n_t, l) sampled inputs; (n_t, 0) of a problem without."""
+        return self.q[:, :0] if self.layout is None else np.asarray(self.layout.u(self.q))
 
     @property
     def unknown(self) -> NDArray[np.bool_]:
@@ -300,12 +311,16 @@ class Solution(Filled):
         return plot_solution(self, None if self.drift_of is None else self.drift_of(self))
 
     def to_pandas(self) -> Any:
-        """A pandas data frame, one row per time: ``t``, ``q[0]`` ..., ``v[0]`` ..., ``lam[0]`` ..., ``mu[0]`` ...."""
+        """A pandas data frame, one row per time: ``t``, ``q[0]`` ..., ``v[0]`` ..., ``x[0]`` ..., ``u[0]`` ..., ``lam[0]``
+        ..., ``mu[0]`` ....
+        """
         try:
             from pandas import DataFrame
         except ModuleNotFoundError as missing:
             raise ModuleNotFoundError("to_pandas needs pandas: pip install 'hhtbench[pandas]'.") from missing
-        columns = {f"{name}[{i}]": getattr(self, name)[:, i] for name in ROWS for i in range(getattr(self, name).shape[1])}
+        n = self.q.shape[1] if self.layout is None else self.layout.n
+        arrays = {"q": self.q[:, :n], "v": self.v[:, :n], "x": self.x, "u": self.u, "lam": self.lam, "mu": self.mu}
+        columns = {f"{name}[{i}]": column for name, rows in arrays.items() for i, column in enumerate(rows.T)}
         return DataFrame({"t": self.t, **columns})
 
     def save(self, path: str | Path) -> Path:
@@ -322,9 +337,11 @@ class Solution(Filled):
 
         Raises ``ProblemError`` if the file is no saved solution.
         """
+        from hhtbench.protocol.extended import Layout
         from hhtbench.solution.saved import read_arrays
 
-        found = read_arrays(path, (Status, Counters, StepsData, Ends, Impact, Phase, ErrorEstimate, DenseOutput))
+        known = Status, Counters, StepsData, Ends, Impact, Phase, ErrorEstimate, DenseOutput, Layout
+        found = read_arrays(path, known)
         rows = [found.get(name) for name in ("t", *ROWS)]
         shapes = [x.shape[:1] for x in rows if isinstance(x, np.ndarray) and x.dtype == np.float64]
         typed = isinstance(found.get("status"), Status) and isinstance(found.get("message"), str)

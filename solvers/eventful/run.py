@@ -52,6 +52,7 @@ class Run:
         self.begun: list[tuple[Any, str, Point]] = [(problem.system, "", self.point)]  #: the phases: system, event and state
         self.switched: list[int] = []  #: events that have begun a phase at this time
         self.impacts: list[Impact] = []
+        self.consistent: Point | None = None  #: state that has been put onto the constraints after a change
         self.fresh = True  #: whether the motion begins at ``point``, and not only a run of the solver
 
     def solution(self) -> Solution:
@@ -123,7 +124,8 @@ class Run:
             if abs(one.t - self.pieces[-1][2].t) > _resolved(one.t):
                 self.changes.made, self.switched = [], []
         self._keep(part, part.t.size)
-        self.point, self.fresh, self.length = one, False, LONGER * self.length
+        self.point, self.fresh = one, False
+        self.length = min(LONGER * self.length, abs(self.end - self.problem.t_span[0]))  # samples shorten runs
         return Failure(part.status, part.message) if not part.success or one.t == self.end else None
 
     @property
@@ -151,7 +153,8 @@ class Run:
 
     def _sample_time(self, index: int) -> float:
         """Time [s] of the next sample of a periodic event."""
-        t = self.problem.t_span[0] + self.ahead * self.samples[index] * self.events[index].period
+        event = self.events[index]
+        t = self.problem.t_span[0] + self.ahead * (event.first + self.samples[index] * event.period)
         return self.end if abs(t - self.end) <= _resolved(t) else t
 
     def _sampled(self, due: list[int]) -> Failure | None:
@@ -192,6 +195,7 @@ class Run:
         if isinstance(after, Failure):
             return after
         self.point, self.known, self.fresh = *after, True
+        self.consistent = None if bound is None else self.point
         if named:
             if any(self.events[c.index].acts for c in found):
                 self.rows.add(len(self.begun) - 1, self.point, self.phase)
@@ -269,9 +273,11 @@ class Run:
                 left = most - sum(getattr(one, counter) or 0 for one in self.spent)
                 asked = asked.but(**{budget: max(left, 1) if spent is self.spent else None})  # output is beside budgets
         q, v = start.q, start.v
-        if self.known is not None and phase.dynamics.structure.constrained:  # a row may have drifted off the constraints
+        drifts = self.known is not None and phase.dynamics.structure.constrained
+        if drifts and start is not self.consistent:  # a row may have drifted off the constraints
             moved = project(phase.dynamics, PhasePoint(start.t, q, v), self.work)
             q, v = (q, v) if isinstance(moved, Failure) else (moved[0].q, moved[0].v)
+        if drifts:
             asked = asked.but(calc_initcond=False)
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message="atol=")  # of the sizes in a part of the motion

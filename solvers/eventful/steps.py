@@ -79,6 +79,8 @@ def crossings_in(
 
     ``known`` (2k,): values at its start, then their roundoff where the step begins at a zero, as in the loops of HHT.
     """
+    if all(event.period for event in events):
+        return (), known
     output = Quintic(one, other)
     starts, roundoffs = np.split(known, 2)
     times, values, after = list[float](), list[float](), known.copy()
@@ -87,6 +89,9 @@ def crossings_in(
         own = [starts[e]]
         roundoff = roundoffs[e]
         for t in own_times[1:]:
+            if event.period:  # it has no zero
+                own.append(starts[e])
+                continue
             state = (other.q, other.v) if t == other.t else output(t)
             value = value_of(event, float(t), *state, work)
             if roundoff > 0.0 and abs(value) <= roundoff:  # it has not left its zero

@@ -10,6 +10,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import Vector, positive_integer, real_number, real_values
 from hhtbench.protocol.errors import NonFiniteValue, ProblemError
+from hhtbench.protocol.sampled import Periodic
 from hhtbench.protocol.system import NumpySystem, Signature, System, accepts
 from hhtbench.solution.counting import Work
 from solvers._finite import expect_finite
@@ -65,7 +66,7 @@ class Event:
         before; a ``terminal`` event ends the run in the system before.
     during
         The system, or a list of them, in whose motion the event is looked for; None: any.
-    period
+    period, first
         Set by :meth:`every`.
 
     A function ``(t, q, v, lam, mu)`` also takes the multipliers of the acceleration level: a contact ends where its force
@@ -82,19 +83,28 @@ class Event:
     then: System | NumpySystem | None = None
     during: Any = None
     period: float = 0.0
+    first: float = 0.0
 
     @classmethod
     def every(
-        cls, period: float, change: Callable[..., Any], *, name: str = "sample", terminal: bool | int = False
+        cls,
+        period: float,
+        change: Callable[..., Any],
+        *,
+        name: str = "sample",
+        first: float = 0.0,
+        terminal: bool | int = False,
     ) -> Event:
-        """An event at the start of the interval and every ``period`` [s] after it, as of a controller that samples.
+        """An event ``first`` seconds after the start of the interval and every ``period`` [s] after it.
 
         ``change`` as of any event.  No step passes such a time; :func:`hhtbench.solve` takes it with every solver, at
-        tolerances.
+        tolerances.  For controllers that sample see :class:`hhtbench.Sampled`.
         """
         if not real_number("the period of an event", period, unit=" [s]") > 0.0:
             raise ProblemError(f"the period of an event must be above 0 s; got {period}.")
-        return cls(_never, change=change, name=name, terminal=terminal, period=float(period))
+        if real_number("first of a periodic event", first, unit=" [s]") < 0.0:
+            raise ProblemError(f"first of a periodic event must be at least 0 s; got {first}.")
+        return cls(_never, change=change, name=name, terminal=terminal, period=float(period), first=float(first))
 
     def __post_init__(self) -> None:
         if not callable(self.function):
@@ -139,7 +149,8 @@ class Event:
     def happens_in(self, system: Any) -> bool:
         """True if it is looked for in the motion of ``system``."""
         listed = self.during if isinstance(self.during, (list, tuple)) else [self.during]
-        return self.during is None or any(one is system for one in listed)
+        inner = getattr(system, "inner", system)  # of a system with states or inputs
+        return self.during is None or any(one is system or one is inner for one in listed)
 
     def ends(self, count: int) -> bool:
         """True if occurrence number ``count`` stops the integration."""
@@ -178,6 +189,8 @@ def make_events(given: Any) -> tuple[Event, ...]:
 
 
 def _event(place: str, given: Any) -> Event:
+    if isinstance(given, Periodic):
+        given = Event.every(given.every, given.change, name=given.name, first=given.first)
     if not isinstance(given, Event):
         if not callable(given):
             raise TypeError(f"{place} must be an Event or a callable (t, q, v); got {type(given).__name__}.")

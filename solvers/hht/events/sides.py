@@ -107,6 +107,8 @@ def is_leaving(event: Event, side: int, state: Moving, h: float, work: Work) -> 
 
 def local_at(event: Event, state: Moving, h: float, work: Work) -> Local:
     """The event function at ``state``, and its change along the motion over ``h`` [s]."""
+    if event.period:
+        return Local(value=1.0, rate=0.0, change=0.0, roundoff=0.0, near=0.0, unsure=0.0)
     t, q, v, a = state.t, state.q, state.v, state.vdot
     passing = state.size_q / state.size_v if state.size_v else 0.0
     d = NUDGE * float(np.copysign(max(abs(h), MIN_SCALE * passing), h))
