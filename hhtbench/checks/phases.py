@@ -26,7 +26,7 @@ def phases_of(problem: Problem, solution: Solution) -> list[tuple[Problem, Solut
             continue
         one = problem.with_system(phase.system).starting((phase.t, end), phase.q, phase.v)
         parts: dict[str, Any] = {name: getattr(solution, name)[phase.rows] for name in ("t", "q", "v", "lam", "mu")}
-        structure = derive(phase.system, phase.t, phase.q, phase.v).structure
+        structure = derive(one.system, phase.t, phase.q, phase.v).structure
         parts |= {"lam": parts["lam"][:, : structure.m], "mu": parts["mu"][:, : structure.p]}
         found.append((one, solution.but(**parts, phases=(), ends=None, carried=None)))
     return found
