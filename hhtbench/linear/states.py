@@ -14,7 +14,7 @@ from hhtbench.lowering.equations import Equations
 from hhtbench.protocol.arguments import Matrix, Vector, real_number, real_vector
 from hhtbench.protocol.errors import ProblemError, Stop
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem, Unscaled
+from hhtbench.protocol.system import Problem, Unscaled, declared
 
 EPS = float(np.finfo(float).eps)
 WORDS = {
@@ -42,6 +42,8 @@ class FixedTime:
     def __init__(self, problem: Problem, t: Any = None) -> None:
         if not isinstance(problem, Problem):
             raise TypeError(f"expected a Problem; got {type(problem).__name__}.")
+        if declared(problem.system, "layout") is not None:
+            raise ProblemError(f"{problem.name} has states or sampled inputs: its rest and small motions are not computed.")
         self.problem = problem
         self.t = problem.t_span[0] if t is None else real_number("t", t, unit=" [s]")
         dynamics = derive(problem.system, self.t, problem.q0, problem.v0)

@@ -53,6 +53,7 @@ class Drives(eqx.Module):
     damping: Any = parameter(doc="(j,) [N s/m, N m s/rad]")
     free: Any = parameter(doc="coordinates without force (j,) [m, rad]")
     inertia: Any = parameter(doc="of rotors (j,) [kg, kg m^2]")
+    rotors: bool = eqx.field(static=True, default=True)  #: whether any inertia is above 0
 
     @property
     def law(self) -> Callable[[Array, Array], Array]:
@@ -78,9 +79,9 @@ class Drives(eqx.Module):
         """Rates (j,) of the coordinates."""
         return lambda q, v: jax.jvp(lambda y: coordinates(frame.placed(y), self.rows, self.kinds), (q,), (v,))[1]
 
-    def effort(self, rates: Array, t: Any) -> Array:
+    def effort(self, rates: Array, given: dict[str, Any]) -> Array:
         """Forces or torques (j,) of the motors."""
-        return _efforts(self.rows, t)
+        return _efforts(self.rows, given)
 
 
 class Swivels(eqx.Module):
@@ -89,6 +90,7 @@ class Swivels(eqx.Module):
     rows: Rows  #: ``w`` direction of the motor's torque in the second bodies, ``laws`` of its size
     damping: Any = parameter(doc="(j,) [N m s/rad]")
     inertia: Any = parameter(doc="(j,) [kg m^2]")
+    rotors: bool = eqx.field(static=True, default=True)  #: whether any inertia is above 0
 
     def rate(self, frame: Any) -> Rate:
         """Angular velocities (j, 3) in the frames of the second bodies."""
@@ -100,15 +102,15 @@ class Swivels(eqx.Module):
 
         return rates
 
-    def effort(self, rates: Array, t: Any) -> Array:
+    def effort(self, rates: Array, given: dict[str, Any]) -> Array:
         """Torques (j, 3) of the dampers and the motors."""
-        return self.rows.w * _efforts(self.rows, t)[:, None] - self.damping[:, None] * rates
+        return self.rows.w * _efforts(self.rows, given)[:, None] - self.damping[:, None] * rates
 
 
-def _efforts(rows: Rows, t: Any) -> Array:
+def _efforts(rows: Rows, given: dict[str, Any]) -> Array:
     found = jnp.zeros(len(rows))
     for i, law in enumerate(rows.laws):
-        found = found if law is None else found.at[i].set(law(t))
+        found = found if law is None else found.at[i].set(law(given))
     return found
 
 
@@ -125,10 +127,10 @@ def inertial_force(drives: Any, frame: Any, q: Array, v: Array) -> Array:
     return -jax.vjp(lambda u: rate(q, u), v)[1](_spread(drives.inertia, ahead.ndim) * ahead)[0]
 
 
-def applied(drives: Any, frame: Any, t: Any, q: Array, v: Array) -> Array:
-    """Generalised force (n,) of the motors and of the dampers of ball joints."""
-    rates, pull = jax.vjp(lambda u: drives.rate(frame)(q, u), v)
-    return pull(drives.effort(rates, t))[0]
+def applied(drives: Any, frame: Any, given: dict[str, Any]) -> Array:
+    """Generalised force (n,) of the motors and of the dampers of ball joints, at what is given by name."""
+    rates, pull = jax.vjp(lambda u: drives.rate(frame)(given["q"], u), given["v"])
+    return pull(drives.effort(rates, given))[0]
 
 
 def kinetic_energy(drives: Any, frame: Any, q: Array, v: Array) -> Array:

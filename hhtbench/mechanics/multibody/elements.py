@@ -130,18 +130,19 @@ class Tyres(Contacts):
 
 
 class Loads(eqx.Module):
-    """Forces on points and torques on bodies, constant or of time."""
+    """Forces on points and torques on bodies, constant or by laws."""
 
     rows: Rows  #: bodies ``second``, points ``b``; ``laws`` of the forces
     force: Any = parameter(doc="(j, d) [N]")
     torque: Any = parameter(doc="(j, 3) in space, (j,) in the plane [N m]")
-    torques: tuple[OfTime | None, ...] = ()  #: of time
+    torques: tuple[OfTime | None, ...] = ()  #: laws of the torques
     follows: tuple[bool, ...] = eqx.field(static=True, default=())  #: whether components are in the body's frame
 
-    def generalised(self, frame: Any, t: Any, q: Array) -> Array:
-        """Generalised force (n,)."""
+    def generalised(self, frame: Any, given: dict[str, Any]) -> Array:
+        """Generalised force (n,) at what is given by name."""
+        q = given["q"]
         at, bodies = frame.placed(q), np.array(self.rows.second)
-        found = [_at_time(self.force, self.rows.laws, t), _at_time(self.torque, self.torques, t)]
+        found = [_set(self.force, self.rows.laws, given), _set(self.torque, self.torques, given)]
         follows = np.array(self.follows)[:, None]
         turned = [at.along(self.rows.second, x) if x.ndim > 1 else x for x in found]
         force, torque = (jnp.where(follows, x, y) if x.ndim > 1 else y for x, y in zip(turned, found, strict=True))
@@ -152,9 +153,9 @@ class Loads(eqx.Module):
         return jnp.asarray(frame.wrench(q, *sums))
 
 
-def _at_time(constant: Array, laws: tuple[OfTime | None, ...], t: Any) -> Array:
+def _set(constant: Array, laws: tuple[OfTime | None, ...], given: dict[str, Any]) -> Array:
     for i, law in enumerate(laws):
-        constant = constant if law is None else constant.at[i].set(law(t))
+        constant = constant if law is None else constant.at[i].set(law(given))
     return constant
 
 

@@ -12,14 +12,14 @@ import numpy as np
 
 from hhtbench.mechanics.lines import chain
 from hhtbench.mechanics.multibody import assembly, motion, starts
-from hhtbench.mechanics.multibody.composites import Composites
 from hhtbench.mechanics.multibody.drives import Couples, Drives, Swivels
 from hhtbench.mechanics.multibody.elements import Contacts, Loads, Springs, Tyres
 from hhtbench.mechanics.multibody.forces import column
 from hhtbench.mechanics.multibody.frames import quaternion
 from hhtbench.mechanics.multibody.parts import GROUND
-from hhtbench.mechanics.multibody.readings import BodyReading, CoordinateReading, ElementReading, JointReading
+from hhtbench.mechanics.multibody.readings import BodyReading, CoordinateReading, ElementReading, JointReading, SignalReading
 from hhtbench.mechanics.multibody.rows import Curves, Gears, Rolling, of_time
+from hhtbench.mechanics.multibody.signals import OWN, Signals
 from hhtbench.mechanics.multibody.system import ALL_FAMILIES, MEASURED, Multibody
 from hhtbench.mechanics.multibody.table import tabulated
 from hhtbench.protocol.errors import ProblemError, did_you_mean
@@ -28,7 +28,7 @@ from hhtbench.protocol.system import Problem
 APART = 1e8  # ratio of masses beyond which one of them is likely in another unit
 
 
-class Mechanism(Composites):
+class Mechanism(Signals):
     """Bodies, joints and forces by name, which become a :class:`~hhtbench.protocol.system.Problem` for every solver.
 
     Coordinates are absolute: 7 of every body in space, 3 with ``plane=True``, where planar mechanisms belong: in space their
@@ -103,6 +103,8 @@ class Mechanism(Composites):
             loads=self._loads() if "load" in given else None,
             swivels=self._swivels() if "swivel" in given else None,
             speeds=self.rows_of("speed") if "speed" in given else None,
+            names=self._names(),
+            states=self._state_rates(),
             turns=[joint.turns for joint in self.joints.values()],
             kept=tuple(self.invariants.items()),
             moves=any(row.law is not None for family in ("slide", "turn") for row in given.get(family, [])),
@@ -144,7 +146,8 @@ class Mechanism(Composites):
             return made_of(made, **values, balls=kind == "ball", rubs=bool(values["rub"][:, 0].any()))
         if kind == "drive":
             numbers = {name: column(rows, name) for name in ("stiffness", "damping", "free", "inertia")}
-            return Drives(made, kinds=tuple(row.more["kind"] for row in rows), **numbers)
+            kinds = tuple(row.more["kind"] for row in rows)
+            return Drives(made, kinds=kinds, rotors=bool(numbers["inertia"].any()), **numbers)
         springs = {name: column(rows, name).ravel() for name in ("stiffness", "damping", "free")}
         if kind == "bushing":
             return Springs(rows=made, axes=column(rows, "axes"), **springs)
@@ -156,12 +159,13 @@ class Mechanism(Composites):
 
     def _swivels(self) -> Swivels:
         rows = self.rows["swivel"]
-        return Swivels(self.rows_of("swivel"), damping=column(rows, "damping"), inertia=column(rows, "inertia"))
+        damping, inertia = column(rows, "damping"), column(rows, "inertia")
+        return Swivels(self.rows_of("swivel"), damping=damping, inertia=inertia, rotors=bool(inertia.any()))
 
     def _loads(self) -> Loads:
         rows = self.rows["load"]
-        torques, follows = tuple(of_time(row.more["torques"]) for row in rows), tuple(row.more["follows"] for row in rows)
-        made = self.rows_of("load")
+        torques = tuple(of_time(row.more["torques"], (*OWN, *self.signals)) for row in rows)
+        follows, made = tuple(row.more["follows"] for row in rows), self.rows_of("load")
         return Loads(made, column(rows, "force"), column(rows, "torque"), torques=torques, follows=follows)
 
     def start(self) -> tuple[Any, Any]:
@@ -179,7 +183,8 @@ class Mechanism(Composites):
         self.made, (q0, v0) = self.system(), self.start()
         starts.expect_signs(self)
         starts.expect_motors(self, float(t_span[0]))
-        return Problem(name=name, system=self.made, t_span=t_span, q0=q0, v0=v0, **{"sketch": self.sketch} | options)
+        options = {"sketch": self.sketch} | self._options(options)
+        return Problem(name=name, system=self.made, t_span=t_span, q0=q0, v0=v0, **options)
 
     def assemble(
         self, at: dict[str, float] | None = None, *, rates: dict[str, float] | None = None, t: float = 0.0
@@ -214,18 +219,19 @@ class Mechanism(Composites):
         return assembly.mobility(self)
 
     def of(self, solution: Any, name: str) -> Any:
-        """What ``solution`` tells of a joint, motor, body, spring, bushing, contact or tyre: forces, poses, energies."""
-        if name in self.joints and self.joints[name].measured is not None:
-            return CoordinateReading(self, solution, self.joints[name])
+        """Readings of a joint, motor, body, spring, bushing, contact, tyre, state or input: forces, poses, energies, values."""
         if name in self.joints:
-            return JointReading(self, solution, self.joints[name])
+            joint = self.joints[name]
+            return (JointReading if joint.measured is None else CoordinateReading)(self, solution, joint)
         if name in self.bodies:
             return BodyReading(self, solution, name)
         if name in self.forces and self.forces[name].kind not in ("load", "swivel"):
             return ElementReading(self, solution, self.forces[name])
         if name in self.forces:
             raise ProblemError(f"{self.forces[name].kind} {name!r} is given, not found: there is nothing to read of it.")
-        known = [*self.joints, *self.bodies, *self.forces]
+        if name in self.signals:
+            return SignalReading(self, solution, name)
+        known = [*self.joints, *self.bodies, *self.forces, *self.signals]
         hint = did_you_mean(name, known) or f" There are {', '.join(known)}."
         raise ProblemError(f"there is no joint, body or force {name!r}.{hint}")
 
@@ -249,7 +255,7 @@ class Mechanism(Composites):
 
     def sketch(self, q: Any) -> dict[str, Any]:
         """Drawing at ``q``: every body as lines from its centre to its joints."""
-        at = self.frame.placed(np.asarray(q))
+        at = self.frame.placed(np.asarray(q)[: self.frame.size * len(self.bodies)])
         points, lines = [], []
         for name in self.bodies:
             centre, R = np.asarray(at.x[self.number(name)]), np.asarray(at.R[self.number(name)])

@@ -74,11 +74,31 @@ class Measure(eqx.Module):
     rows: Rows
     near: Any  #: see ``counted``; unused in the plane
     slides: bool = eqx.field(static=True)
+    size: int = eqx.field(static=True)  #: number of coordinates of the bodies
 
     def __call__(self, q: Array) -> Array:
         """Angle or travel, a number."""
-        at = self.frame.placed(q)
+        at = self.frame.placed(q[: self.size])
         return (travels(at, self.rows) if self.slides else counted(at, self.rows, self.near))[0]
+
+    def value(self, q: Any) -> Any:
+        """The same, compiled outside of traced functions."""
+        return self(q) if isinstance(q, jax.core.Tracer) else _value(self, q)
+
+    def rate(self, q: Any, v: Any) -> Any:
+        """Its rate, likewise."""
+        traced = isinstance(q, jax.core.Tracer) or isinstance(v, jax.core.Tracer)
+        return jax.jvp(self, (q,), (v,))[1] if traced else _rate(self, jnp.asarray(q), jnp.asarray(v))
+
+
+@eqx.filter_jit
+def _value(measure: Measure, q: Any) -> Any:
+    return measure(q)
+
+
+@eqx.filter_jit
+def _rate(measure: Measure, q: Any, v: Any) -> Any:
+    return jax.jvp(measure, (q,), (v,))[1]
 
 
 def measure_of(m: Any, joint: Joint, *, slides: bool) -> Measure:
@@ -90,11 +110,11 @@ def measure_of(m: Any, joint: Joint, *, slides: bool) -> Measure:
     elif not m.plane:
         value, quaternions = at_present(m, joint)
         rows, near = eqx.tree_at(lambda one: one.value, rows, np.array([value])), quaternions[None]
-    return Measure(m.frame, rows, jnp.asarray(near), slides)
+    return Measure(m.frame, rows, jnp.asarray(near), slides, m.frame.size * len(m.bodies))
 
 
 def function_of(measure: Measure, *, rate: bool) -> Callable[[Any, Any, Any], Any]:
     """``measure`` or its rate as a function of (t, q, v), a plain one, as events need to become machine code."""
     if rate:
-        return lambda t, q, v: jax.jvp(measure, (q,), (v,))[1]
-    return lambda t, q, v: measure(q)
+        return lambda t, q, v: measure.rate(q, v)
+    return lambda t, q, v: measure.value(q)

@@ -71,6 +71,7 @@ class Parts:
         self.bodies: dict[str, Body] = {}
         self.joints: dict[str, Joint] = {}
         self.forces: dict[str, Any] = {}
+        self.signals: dict[str, Any] = {}  #: states and inputs
         self.rows: dict[str, list[Row]] = {}
 
     @property
@@ -178,7 +179,7 @@ class Parts:
                 raise ProblemError(f"{name!r}: {what} must be {wanted}; got {value}.")
 
     def _expect_new(self, name: str) -> None:
-        if name in (GROUND, *self.bodies, *self.joints, *self.forces):
+        if name in (GROUND, *self.bodies, *self.joints, *self.forces, *self.signals):
             raise ProblemError(f"{name!r} is there already; give another name.")
 
     def pose(self, name: str) -> tuple[Any, Any, float]:
@@ -220,14 +221,15 @@ class Parts:
 
     def rows_of(self, family: str) -> Rows:
         """All rows of a family as arrays."""
-        return self.arrays(self.rows[family])
+        acting = family in ("load", "drive", "swivel")
+        return self.arrays(self.rows[family], ("t", "q", "v", *self.signals) if acting else ())
 
-    def arrays(self, rows: list[Row]) -> Rows:
-        """Rows as arrays."""
+    def arrays(self, rows: list[Row], names: tuple[str, ...] = ()) -> Rows:
+        """Rows as arrays; ``names`` of what their laws may take."""
         first, second = (tuple(self.number(row.bodies[side]) for row in rows) for side in (0, 1))
         a, b = np.array([row.points for row in rows]).swapaxes(0, 1)
         u, w, y = np.array([row.directions for row in rows]).swapaxes(0, 1)
-        laws = tuple(of_time(row.law) for row in rows)
+        laws = tuple(of_time(row.law, names) for row in rows)
         value = np.array([row.value for row in rows])
         return Rows(first=first, second=second, laws=laws, a=a, b=b, u=u, w=w, y=y, value=value)
 

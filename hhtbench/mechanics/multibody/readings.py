@@ -36,14 +36,14 @@ def _generalised(system: Any, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Any:
 
 
 @eqx.filter_jit
-def _accelerations(system: Any, t: Any, q: Any, v: Any, Q: Any) -> Any:
-    """Accelerations (k, n) under the reactions ``Q`` (k, n)."""
+def _accelerations(system: Any, t: Any, q: Any, v: Any, Q: Any, signals: Any) -> Any:
+    """Accelerations (k, n) under the reactions ``Q`` (k, n), with ``signals``: states and inputs."""
 
-    def one(t: Any, q: Any, v: Any, Q: Any) -> Any:
-        total, mass = system.force(t, q, v) + Q, system.mass_matrix
+    def one(t: Any, q: Any, v: Any, Q: Any, x: Any, u: Any) -> Any:
+        total, mass = system.force(t, q, v, x, u) + Q, system.mass_matrix
         return jnp.linalg.solve(mass(t, q), total) if callable(mass) else total / mass
 
-    return jax.vmap(one)(t, q, v, Q)
+    return jax.vmap(one)(t, q, v, Q, *signals)
 
 
 @eqx.filter_jit
@@ -106,17 +106,24 @@ class Reading:
         self.t = self.t[some]
         rows = [sum(map(len, found.values())) for found in (m.rows_by_joint(), m.velocity_rows_by_joint())]
         sizes = {"q": m.frame.size * len(m.bodies), "lam": rows[0] + (0 if m.plane else len(m.bodies)), "mu": rows[1]}
-        found = {name: getattr(solution, name)[some][:, : sizes[name] if columns else None] for name in ("q", "lam", "mu")}
+        end = None if solution.layout is None else solution.layout.n
+        given = {"q": solution.q[:, :end], "lam": solution.lam, "mu": solution.mu}
+        found = {name: rows[some][:, : sizes[name] if columns else None] for name, rows in given.items()}
         if any(found[name].shape[1] != size for name, size in sizes.items()):
             raise ProblemError("the mechanism has other bodies or joints than the solution; read it before they are added.")
-        found |= {"t": self.t, "v": solution.v[some]}
+        found |= {"t": self.t, "v": solution.v[some][:, :end]}
+        self._signals = solution.x[some], solution.u[some]
         self._state = tuple(jnp.asarray(found[name]) for name in ("t", "q", "v", "lam", "mu"))
 
     def _of_own_phases(self, solution: Any) -> tuple[Any, bool]:
         """Rows of the phases in which the system is this mechanism's; whether the solution has columns of others, too."""
         if not solution.phases:
             return slice(None), False
-        own = [np.arange(len(solution.t))[phase.rows] for phase in solution.phases if phase.system is self._m.made]
+        own = [
+            np.arange(len(solution.t))[phase.rows]
+            for phase in solution.phases
+            if getattr(phase.system, "inner", phase.system) is self._m.made
+        ]
         if not own:
             raise ProblemError("the solution has no phase of this mechanism's system: begin one by m.problem(...).system.")
         return np.concatenate(own), True
@@ -312,13 +319,26 @@ class BodyReading(Reading):
     @cached_property
     def _accelerations(self) -> Any:
         t, q, v, *_ = self._state
-        return _accelerations(self._system, t, q, v, self._all_reactions())
+        return _accelerations(self._system, t, q, v, self._all_reactions(), self._signals)
 
     def _part(self, v: Any) -> Any:
         return np.asarray(v).reshape(len(v), -1, self._m.frame.size)[:, self._number, : self._m.dimension]
 
     def _turning(self, v: Any, frame: str) -> Any:
         return self._in(along("rates", self._m.frame, self._state[1], v)[:, self._number], frame)
+
+
+class SignalReading(Reading):
+    """A state or a sampled input."""
+
+    def __init__(self, m: Any, solution: Any, name: str) -> None:
+        super().__init__(m, solution, f"{'state' if m.signals[name].every is None else 'input'} {name!r}")
+        self._name = name
+
+    def value(self) -> Any:
+        """Its values (k, ...); an input at a sample is the new one."""
+        x, u = self._signals
+        return np.asarray(self._system.names.given(None, None, None, x.T, u.T)[self._name]).T
 
 
 class ElementReading(Reading):

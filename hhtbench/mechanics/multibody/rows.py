@@ -8,6 +8,7 @@ Source: P. E. Nikravesh, Computer-Aided Analysis of Mechanical Systems, Prentice
 from __future__ import annotations
 
 import functools
+import inspect
 import operator
 from collections.abc import Callable
 from numbers import Integral
@@ -21,34 +22,54 @@ from jax import Array
 from hhtbench.mechanics import space
 from hhtbench.mechanics.forces import distances
 from hhtbench.mechanics.multibody.frames import Placed
+from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.system import parameter
 
 Law = Callable[[Any], Any]  # a function of time
 
 
 class OfTime(eqx.Module):
-    """A function of time, whose ``numbers`` are parameters: new values reuse the compiled code."""
+    """A function of time or of values by name, whose ``numbers`` are parameters: new values reuse the compiled code."""
 
     function: Callable[..., Any] = eqx.field(static=True)  #: of the arguments, then time
     numbers: tuple[Any, ...] = ()
     integers: tuple[int | None, ...] = eqx.field(static=True, default=())  #: arguments; None stands for the next number
+    takes: tuple[str, ...] = eqx.field(static=True, default=("t",))  #: names of the arguments behind these
 
-    def __call__(self, t: Any) -> Any:
-        """Value at time ``t`` [s]."""
+    def __call__(self, given: Any) -> Any:
+        """Value at a time [s], or at what is ``given`` by name."""
         numbers = iter(self.numbers)
-        return self.function(*(next(numbers) if x is None else x for x in self.integers), t)
+        at = [given[name] for name in self.takes] if isinstance(given, dict) else [given]
+        return self.function(*(next(numbers) if x is None else x for x in self.integers), *at)
 
 
-def of_time(law: Law | None) -> OfTime | None:
+def of_time(law: Law | None, names: tuple[str, ...] = ()) -> OfTime | None:
     """``law`` as an object whose parameters are the numbers of a ``functools.partial``; None without a law.
 
-    Integers, which may count or index, stay what they are: a new one compiles anew.
+    Integers, which may count or index, stay what they are: a new one compiles anew.  ``names`` are those of the arguments
+    that it may take instead of time.
     """
+    takes = _taken(law, names)
     if isinstance(law, functools.partial) and not law.keywords and all(np.asarray(x).dtype.kind in "iuf" for x in law.args):
         integers = tuple(operator.index(x) if isinstance(x, Integral) else None for x in law.args)
         numbers = (jnp.asarray(x, dtype=float) for x, integer in zip(law.args, integers, strict=True) if integer is None)
-        return OfTime(law.func, tuple(numbers), integers)
-    return law if law is None else OfTime(law)
+        return OfTime(law.func, tuple(numbers), integers, takes)
+    return law if law is None else OfTime(law, takes=takes)
+
+
+def _taken(law: Law | None, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of the arguments of ``law``; "t" if it has one of another name."""
+    try:
+        parameters = () if law is None else inspect.signature(law).parameters.values()
+    except ValueError:  # a function of C
+        parameters = ()
+    found = tuple(one.name for one in parameters if one.kind <= one.POSITIONAL_OR_KEYWORD and one.default is one.empty)
+    if found and all(name in names for name in found):
+        return found
+    if len(found) > 1:
+        known = f"or any of {', '.join(names)}" if names else "and nothing else"
+        raise ProblemError(f"a law takes time, {known}; got the arguments {', '.join(found)}.")
+    return ("t",)
 
 
 class Rows(eqx.Module):

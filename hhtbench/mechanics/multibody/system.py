@@ -16,6 +16,7 @@ from hhtbench.mechanics.multibody.drives import Swivels, couple
 from hhtbench.mechanics.multibody.elements import MEASURES, Loads, Measure
 from hhtbench.mechanics.multibody.frames import Plane, Space
 from hhtbench.mechanics.multibody.rows import FAMILIES, Rows, slip, turning
+from hhtbench.mechanics.multibody.signals import Names, Rates
 from hhtbench.protocol.system import System, parameter
 
 ALL_FAMILIES: dict[str, Callable[..., Array]] = FAMILIES | {"couple": couple}
@@ -35,6 +36,8 @@ class Multibody(System):
     loads: Loads | None = None
     swivels: Swivels | None = None  #: rotors, dampers and motors of ball joints
     speeds: Rows | None = None  #: prescribed rates
+    names: Names = Names()  #: of states and inputs
+    states: Rates | None = None
     turns: Any = parameter((), doc="whole turns of the joints at the start, for readings")
     moves: bool = eqx.field(static=True, default=False)  #: whether motors prescribe positions
     kept: tuple[tuple[str, Callable[..., Any]], ...] = eqx.field(static=True, default=())  #: invariants: names, functions
@@ -47,7 +50,7 @@ class Multibody(System):
     @property
     def mass_matrix(self) -> Any:
         """Diagonal (3 k,) in the plane; in space a function of (t, q), a block for each body."""
-        rotors = bool(self._drives)
+        rotors = bool(self._rotors)
         return plane.mass_of_bodies(self.m, self.J) if self.flat and not rotors else self._mass
 
     @property
@@ -71,7 +74,12 @@ class Multibody(System):
         """Function of (t, q, v): what is constant along the motion, by name; None without any."""
         return self._invariants if self.kept else None
 
-    def force(self, t: Array, q: Array, v: Array) -> Array:
+    @property
+    def state_rate(self) -> Any:
+        """Function of (t, q, v, x, u): rates of the states (k,); None without any."""
+        return self._state_rate if self.states is not None else None
+
+    def force(self, t: Array, q: Array, v: Array, x: Any = (), u: Any = ()) -> Array:
         """Weight, terms quadratic in velocities, springs, contacts and loads, (n,)."""
         if self.flat:
             total = plane.weight_of_bodies(self.m, self.gravity)
@@ -79,14 +87,14 @@ class Multibody(System):
             total = space.force_on_bodies(q, v, self.m, self.J, self.gravity)
         for kind, element in self.elements.items():
             total = total + forces.force_of(self._measure(kind), element.law, q, v)
-        for one in self._drives:
+        for one in self._rotors:
             total = total + drives.inertial_force(one, self.frame, q, v)
-        return total + self._applied(t, q, v)
+        return total + self._applied(self.names.given(t, q, v, x, u))
 
     def energy(self, t: Array, q: Array, v: Array) -> Array:
         """Kinetic energy and energy of weight, springs and contacts [J]."""
         total = (plane if self.flat else space).energy_of_bodies(q, v, self.m, self.J, self.gravity)
-        total = total + sum(drives.kinetic_energy(one, self.frame, q, v) for one in self._drives)
+        total = total + sum(drives.kinetic_energy(one, self.frame, q, v) for one in self._rotors)
         return total + sum(element.energy(self._measure(kind)(q)) for kind, element in self.elements.items())
 
     def measured(self, kind: str, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -99,12 +107,16 @@ class Multibody(System):
             total = jnp.diag(plane.mass_of_bodies(self.m, self.J))
         else:
             total = space.mass_of_bodies(q, self.m, self.J, self.j0)
-        return total + sum(drives.mass(one, self.frame, q) for one in self._drives)
+        return total + sum(drives.mass(one, self.frame, q) for one in self._rotors)
 
     @property
     def _drives(self) -> list[Any]:
         both = self.elements.get("drive"), self.swivels
         return [one for one in both if one is not None]
+
+    @property
+    def _rotors(self) -> list[Any]:
+        return [one for one in self._drives if one.rotors]
 
     def _rows(self, t: Any, q: Any) -> Array:
         at = self.frame.placed(q)
@@ -122,18 +134,22 @@ class Multibody(System):
     def _invariants(self, t: Any, q: Any, v: Any) -> dict[str, Array]:
         return {name: value(self, q, v) for name, value in self.kept}
 
-    def _applied(self, t: Any, q: Any, v: Any) -> Array:
+    def _state_rate(self, t: Any, q: Any, v: Any, x: Any, u: Any) -> Array:
+        return self.states(self.names.given(t, q, v, x, u))  # type: ignore[misc]
+
+    def _applied(self, given: dict[str, Any]) -> Array:
         """Loads and friction (n,)."""
-        total = jnp.zeros_like(q) if self.loads is None else self.loads.generalised(self.frame, t, q)
+        q, v = given["q"], given["v"]
+        total = jnp.zeros_like(q) if self.loads is None else self.loads.generalised(self.frame, given)
         for one in self._drives:
-            total = total + drives.applied(one, self.frame, t, q, v)
+            total = total + drives.applied(one, self.frame, given)
         for element in self.elements.values():
             if getattr(element, "rubs", False):
                 total = total + element.friction(self.frame, q, v)
         return total
 
-    def _power(self, t: Any, q: Any, v: Any, lam: Any, mu: Any) -> Array:
-        total = self._applied(t, q, v) @ v
+    def _power(self, t: Any, q: Any, v: Any, lam: Any, mu: Any, x: Any = (), u: Any = ()) -> Array:
+        total = self._applied(self.names.given(t, q, v, x, u)) @ v
         for kind, element in self.elements.items():
             total = total + forces.power_lost(self._measure(kind), element.law, q, v)
         if self.moves:

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 from hhtbench.mechanics.multibody.motion import SLIDING, TURNING
-from hhtbench.mechanics.multibody.readings import BodyReading, CoordinateReading, ElementReading, JointReading, Reading
+from hhtbench.mechanics.multibody.readings import (
+    BodyReading,
+    CoordinateReading,
+    ElementReading,
+    JointReading,
+    Reading,
+    SignalReading,
+)
 
 
 def tabulated(m: Any, solution: Any) -> dict[str, Any]:
@@ -23,6 +31,8 @@ def tabulated(m: Any, solution: Any) -> dict[str, Any]:
     for name, element in m.forces.items():
         if element.kind not in ("load", "swivel"):
             found |= _of_element(m, name, element.kind, ElementReading(m, solution, element))
+    for name in m.signals:
+        found |= _columns(name, SignalReading(m, solution, name).value(), itertools.count())
     return found
 
 
