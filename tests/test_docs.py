@@ -134,7 +134,7 @@ def test_the_ball_of_the_page_bounces_when_free_fall_says(capsys):
 
 def test_the_cart_and_the_slider_of_the_page_move_as_integrations_of_their_own_say(capsys):
     scope = run_page("control.md")
-    gains, y = scope["GAINS"], np.array([0.0, 0.2, 0.0, 0.0])
+    gains, y, pull = scope["GAINS"], np.array([0.0, 0.2, 0.0, 0.0]), 0.0
 
     def cart(t, y, pull):
         (speed, rate), (s, c) = y[2:], (np.sin(y[1]), np.cos(y[1]))
@@ -142,7 +142,10 @@ def test_the_cart_and_the_slider_of_the_page_move_as_integrations_of_their_own_s
         return [speed, rate, *np.linalg.solve(matrix, force)]
 
     for _ in range(300):
-        y = solve_ivp(cart, (0, 0.01), y, args=(-gains @ y,), rtol=1e-9, atol=1e-11).y[:, -1]
+        sampled = gains @ y
+        for length, acting in ((0.004, pull), (0.006, sampled)):
+            y = solve_ivp(cart, (0, length), y, args=(acting,), rtol=1e-9, atol=1e-11).y[:, -1]
+        pull = sampled
     np.testing.assert_allclose(scope["solution"].q[-1, :2], [y[0], y[0] + 0.5 * np.sin(y[1])], atol=1e-4)
 
     def slider(t, y):
@@ -153,6 +156,17 @@ def test_the_cart_and_the_slider_of_the_page_move_as_integrations_of_their_own_s
     x, v, z = solve_ivp(slider, (0, 20), [0, 0, 0], "Radau", rtol=1e-9, atol=1e-13).y[:, -1]
     np.testing.assert_allclose(scope["slid"].q[-1, 0], x, atol=1e-3)
     np.testing.assert_allclose(scope["slid"].v[-1] / [1e-1, 1e-5], [v / 1e-1, z / 1e-5], atol=1e-2)
+
+    y, torque = np.zeros(2), 0.0
+    for _ in range(200):
+        wanted = 10 * (1 - y[0]) - 3 * y[1]
+
+        def arm(t, x, wanted=wanted):
+            return [x[1], (-9.81 * np.sin(x[0]) + x[2]) / 0.6, 5 * (wanted - x[2])]
+
+        *y, torque = solve_ivp(arm, (0, 0.01), [*y, torque], rtol=1e-9, atol=1e-11).y[:, -1]
+    found = [scope["m"].of(scope["run"], "A").angle(), scope["m"].of(scope["run"], "torque").value() / 10]
+    np.testing.assert_allclose([x[-1] for x in found], [y[0], torque / 10], atol=1e-4)
 
 
 def test_external_code_moves_as_the_pendulum_of_the_library_form(capsys):

@@ -183,9 +183,10 @@ def test_reactions_of_single_bodies_are_those_of_statics_and_of_newton():
 class At:
     """States with accelerations and multipliers from the equations of motion, solved here: read like a solution."""
 
-    phases = ()
+    phases, layout = (), None
 
     def __init__(self, m, t, q, v, system=None):
+        self.x = self.u = np.zeros((len(t), 0))
         system = m.system() if system is None else system
 
         def one(t, q, v):

@@ -219,7 +219,7 @@ class Mechanism(Signals):
         return assembly.mobility(self)
 
     def of(self, solution: Any, name: str) -> Any:
-        """Readings of a joint, motor, body, spring, bushing, contact, tyre, state or input: forces, poses, energies, values."""
+        """Readings of a joint, motor, body, spring, bushing, contact, tyre, state or input: forces, poses, energies ..."""
         if name in self.joints:
             joint = self.joints[name]
             return (JointReading if joint.measured is None else CoordinateReading)(self, solution, joint)
