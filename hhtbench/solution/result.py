@@ -7,7 +7,7 @@ import html
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.filled import Filled
+
+if TYPE_CHECKING:
+    from hhtbench.solution.phases import Impact, Phase
 
 ROWS = ("q", "v", "lam", "mu")  #: arrays of a solution with one row per time
 OF_FUNCTIONS = ("interpolant", "projection", "drift_of", "judge_of", "diagnosis_of")  #: its fields that call functions
@@ -123,36 +126,6 @@ class Ends:
     q: Matrix  #: (k, n)
     v: Matrix  #: (k, n)
     carried: Mapping[str, Matrix] | None = None  #: as that of :class:`Solution`
-
-
-@dataclass(frozen=True, kw_only=True)
-class Impact:
-    """An impulse by events: ``M (v after - v before)``, and the multipliers that give it."""
-
-    t: float  #: [s]
-    event: str  #: its name; those of several with rebounds at one time
-    impulse: Vector  #: (n,) [N s]
-    lam: Vector  #: (m,) of the position constraints of the system after it, as forces over time [N s]
-    mu: Vector  #: (p,) of the velocity constraints
-    contact: Vector  #: (k,) along the distances of these events, if they have a restitution [N s]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Phase:
-    """A part of a motion in which one system holds."""
-
-    system: Any
-    event: str  #: name of the event that began it; "" at the start
-    t: float  #: its start [s]
-    q: Vector  #: (n,) there
-    v: Vector  #: (n,) there, after the impact
-    first: int  #: its first row in the Solution
-    stop: int  #: the row behind its last
-
-    @property
-    def rows(self) -> slice:
-        """Its rows in the Solution."""
-        return slice(self.first, self.stop)
 
 
 class DenseOutput(NamedTuple):
@@ -338,6 +311,7 @@ class Solution(Filled):
         Raises ``ProblemError`` if the file is no saved solution.
         """
         from hhtbench.protocol.extended import Layout
+        from hhtbench.solution.phases import Impact, Phase
         from hhtbench.solution.saved import read_arrays
 
         known = Status, Counters, StepsData, Ends, Impact, Phase, ErrorEstimate, DenseOutput, Layout

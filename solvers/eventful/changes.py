@@ -12,7 +12,7 @@ from hhtbench.lowering import Dynamics
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.counting import Work
-from hhtbench.solution.result import Impact
+from hhtbench.solution.phases import Impact
 from solvers._start import Failure, of_dynamics
 from solvers.eventful.impacts import rebound
 from solvers.eventful.steps import Point

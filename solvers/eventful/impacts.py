@@ -13,7 +13,7 @@ import scipy.sparse as sp
 from hhtbench.lowering import Dynamics, unreduced
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.solution.result import Impact
+from hhtbench.solution.phases import Impact
 from solvers._projection import Projection, closest
 from solvers._start import of_dynamics
 from solvers.eventful.steps import Point

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from hhtbench.protocol.arguments import Matrix
-from hhtbench.solution.result import Phase, Solution
+from hhtbench.solution.phases import Phase
+from hhtbench.solution.result import Solution
 from solvers.eventful.phase import PhaseFunctions
 from solvers.eventful.steps import Point
 

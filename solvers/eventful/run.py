@@ -15,8 +15,9 @@ from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.protocol.printing import exact
 from hhtbench.protocol.system import Problem
 from hhtbench.solution.counting import Clock, Work
+from hhtbench.solution.phases import Impact
 from hhtbench.solution.request import Request
-from hhtbench.solution.result import Counters, Impact, Solution, Status
+from hhtbench.solution.result import Counters, Solution, Status
 from solvers._initcond import consistent_start, project
 from solvers._start import Failure, PhasePoint, budget_failure
 from solvers.eventful.changes import MAX_CHANGES_AT_ONCE, PILED_UP, Changes
