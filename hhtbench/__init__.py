@@ -29,9 +29,12 @@ if TYPE_CHECKING:
     from hhtbench.lowering.description import describe
     from hhtbench.lowering.equations import Equations
     from hhtbench.protocol.errors import NotFoundError, ProblemError, Stop
+    from hhtbench.protocol.events import Event
     from hhtbench.protocol.lagrange import from_sympy
+    from hhtbench.protocol.problem import Motion, Problem
     from hhtbench.protocol.sampled import Sampled
-    from hhtbench.protocol.system import Motion, NumpySystem, Problem, Scales, System, parameter
+    from hhtbench.protocol.scales import Scales
+    from hhtbench.protocol.system import NumpySystem, System, parameter
     from hhtbench.solution.request import Request, plan_steps
     from hhtbench.solution.result import Counters, Ends, Solution, Status
 
@@ -94,7 +97,10 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "protocol.errors": ("NotFoundError", "ProblemError", "Stop"),
     "protocol.lagrange": ("from_sympy",),
     "protocol.sampled": ("Sampled",),
-    "protocol.system": ("Motion", "NumpySystem", "Problem", "Scales", "System", "parameter"),
+    "protocol.events": ("Event",),
+    "protocol.problem": ("Motion", "Problem"),
+    "protocol.scales": ("Scales",),
+    "protocol.system": ("NumpySystem", "System", "parameter"),
     "catalogue.registry": (
         *("list_problems", "list_solvers", "list_verifications"),
         *("load_problem", "load_solver", "load_verification"),
@@ -102,7 +108,7 @@ _MODULES = {  # no module has the name of what is in it: importing it would put 
     "solution.request": ("Request", "plan_steps"),
     "solution.result": ("Counters", "Ends", "Solution", "Status"),
 }
-REGISTERED = ("HHT", "Event")  # under the entry-point group hhtbench.names: hhtbench imports no solver
+REGISTERED = ("HHT",)  # under the entry-point group hhtbench.names: hhtbench imports no solver
 _HOMES = {name: module for module, names in _MODULES.items() for name in names}
 
 

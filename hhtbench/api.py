@@ -11,7 +11,8 @@ import numpy as np
 from hhtbench.catalogue.registry import load_problem, load_solver, with_events
 from hhtbench.checks.result.success import check_success
 from hhtbench.protocol.errors import BudgetSpent
-from hhtbench.protocol.system import Problem, Solver, declared
+from hhtbench.protocol.problem import Problem, Solver
+from hhtbench.protocol.system import declared
 from hhtbench.solution.counting import Clock, handed_over
 from hhtbench.solution.request import Request, check_output_times, make_request, with_tolerance
 from hhtbench.solution.result import Counters, Solution, Status

@@ -12,7 +12,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import MinimalCoordinates
+from hhtbench.protocol.problem import MinimalCoordinates
 
 REFERENCES = Path(__file__).with_name("references")
 

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.protocol.system import MinimalCoordinates, System
+from hhtbench.protocol.problem import MinimalCoordinates
+from hhtbench.protocol.system import System
 
 ROD = np.array([1.0, 4.0, 1.0]) / 6  # a uniform rod moves like these shares of its mass at begin, middle and end
 

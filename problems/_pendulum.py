@@ -10,7 +10,8 @@ from jax import Array
 from scipy.special import ellipj, ellipkm1
 
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, System, parameter
+from hhtbench.protocol.problem import Motion
+from hhtbench.protocol.system import System, parameter
 
 
 class Bob(System):

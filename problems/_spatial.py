@@ -6,7 +6,7 @@ import dataclasses
 from typing import Any
 
 from hhtbench.mechanics.space import moment_of_momentum
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 
 def vertical_momentum(system: Any, q: Any, v: Any) -> Any:

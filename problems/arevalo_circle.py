@@ -29,7 +29,9 @@ from jax import Array
 
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "test equation known under the name of C. Arevalo; closed solution by insertion"

@@ -35,7 +35,9 @@ from hhtbench.mechanics import bushings, contact, forces, space
 from hhtbench.mechanics.lines import outline
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Nikravesh, Prentice Hall 1988; Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445; the mill is of this bench"

@@ -32,7 +32,8 @@ from hhtbench.mechanics.multibody.mechanism import Mechanism
 from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
 from problems._common import checked, load_reference
 
 SOURCE = "M113 band track of Project Chrono; Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445; two wheels by this bench"

@@ -27,7 +27,9 @@ from jax import Array
 
 from hhtbench.mechanics.lines import chain, outline
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference, minimal
 
 SOURCE = "textbook mechanics, points on rigid links"

@@ -26,7 +26,9 @@ from jax import Array
 
 from hhtbench.mechanics.lines import circle_lines, pin_lines
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Goldstein, Classical Mechanics, section 1.6; closed solution by insertion"

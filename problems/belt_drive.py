@@ -37,7 +37,9 @@ from hhtbench.mechanics.lines import chain, circle_lines
 from hhtbench.mechanics.plane import turned
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "belt of Exudyn's example beltDrivesComparison; drive, brake and contact by this bench"

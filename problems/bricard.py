@@ -32,7 +32,8 @@ import numpy as np
 from hhtbench.mechanics.multibody.mechanism import Mechanism
 from hhtbench.mechanics.space import rotation, split
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
 from problems._common import checked, load_reference
 
 SOURCE = "IFToMM library of computational benchmark problems, A04"

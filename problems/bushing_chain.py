@@ -26,7 +26,8 @@ import numpy as np
 from hhtbench.mechanics.lines import pin_lines
 from hhtbench.mechanics.multibody.mechanism import Mechanism
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Problem, Scales
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
 from problems._common import checked, load_reference
 
 SOURCE = "shoes and bushings of the M113 band track of Project Chrono; the chain is of this bench"

@@ -34,7 +34,9 @@ from hhtbench.mechanics.forces import force_of, power_lost, spring_damper
 from hhtbench.mechanics.lines import chain, outline, pin_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = (

@@ -30,7 +30,8 @@ from hhtbench.mechanics.lines import chain, circle_lines, pin_lines
 from hhtbench.mechanics.multibody.mechanism import Mechanism
 from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
 from problems._common import checked, load_reference
 
 SOURCE = (

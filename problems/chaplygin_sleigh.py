@@ -31,7 +31,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Bloch, Nonholonomic Mechanics and Control, Springer 2003 (Chaplygin sleigh)"

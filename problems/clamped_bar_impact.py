@@ -32,7 +32,9 @@ from jax import Array
 
 from hhtbench.mechanics.lines import ground_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Hughes, The Finite Element Method, Prentice Hall 1987 (linear bar elements, consistent mass)"

@@ -32,7 +32,9 @@ from hhtbench.mechanics import cables
 from hhtbench.mechanics.forces import distances, force_of, power_lost
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "textbook mechanics, points joined by cords that only pull"

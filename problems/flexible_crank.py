@@ -29,7 +29,9 @@ from hhtbench.mechanics import beams
 from hhtbench.mechanics.forces import force_of, power_lost, spring_damper
 from hhtbench.mechanics.lines import chain, pin_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "numbers of the Test Set for IVP Solvers, slider crank problem; beam elements, shear and damping by this bench"

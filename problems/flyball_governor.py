@@ -50,7 +50,9 @@ from hhtbench.mechanics.space import (
     split,
 )
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "IFToMM library of computational benchmark problems, A05"

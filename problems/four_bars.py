@@ -39,7 +39,8 @@ from scipy.special import ellipj, ellipkm1
 from hhtbench.mechanics.lines import pin_lines
 from hhtbench.mechanics.multibody.mechanism import Mechanism
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Motion, Problem, Scales
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
 from problems._common import checked, load_reference, minimal
 
 SOURCE = "IFToMM library of computational benchmarks, A02: N four-bar mechanism"

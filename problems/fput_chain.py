@@ -26,7 +26,9 @@ from jax import Array
 from hhtbench.mechanics.lines import chain, ground_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Fermi, Pasta, Ulam (and Tsingou), Studies of Nonlinear Problems, LA-1940, Los Alamos 1955"

@@ -28,7 +28,8 @@ from hhtbench.mechanics.multibody.mechanism import Mechanism
 from hhtbench.mechanics.multibody.system import Multibody
 from hhtbench.mechanics.space import body_rate, rotation
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
 from problems._common import checked, load_reference
 from problems._spatial import vertical_momentum, with_j0
 

@@ -28,7 +28,9 @@ from jax import Array
 
 from hhtbench.mechanics.lines import box_lines, ground_lines, spring_lines
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "made for this bench; modal analysis as in Meirovitch, Fundamentals of Vibrations, McGraw-Hill 2001"

@@ -30,7 +30,9 @@ from jax import Array
 from hhtbench.mechanics.lines import chain, pin_lines
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference, minimal
 
 SOURCE = "Jay and Negrut, ETNA 26 (2007) 190-208, section 5, second problem"

@@ -33,7 +33,9 @@ from jax import Array
 
 from hhtbench.mechanics.lines import chain, circle_lines
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, System
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System
 from problems._common import checked, load_reference
 
 SOURCE = "Jay and Negrut, ETNA 26 (2007) 190-208, section 5, first problem"

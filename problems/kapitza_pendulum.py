@@ -27,7 +27,9 @@ from jax import Array
 
 from hhtbench.mechanics.lines import box_lines, circle_lines
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import parameter
 from problems._common import checked, load_reference
 from problems._pendulum import Bob
 

@@ -38,7 +38,9 @@ from hhtbench.mechanics.forces import distances, force_of, power_lost, spring_da
 from hhtbench.mechanics.lines import chain, outline
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "line of WEC-Sim, issue 1214; Hall and Goupee, Ocean Engineering 104, 2015 (lumped masses)"

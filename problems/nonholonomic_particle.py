@@ -28,7 +28,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Rosenberg, Analytical Dynamics of Discrete Systems, Plenum 1977; Bloch, Nonholonomic Mechanics and Control, 2003"

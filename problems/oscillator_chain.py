@@ -26,7 +26,9 @@ from jax import Array
 from hhtbench.mechanics.lines import box_lines, ground_lines, spring_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked
 
 SOURCE = "linear chain, modal analysis as in Meirovitch, Fundamentals of Vibrations, McGraw-Hill 2001"

@@ -23,7 +23,9 @@ import numpy as np
 from jax import Array
 
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import parameter
 from problems._common import checked, load_reference, minimal
 from problems._pendulum import Bob, pendulum_lines, quarter, swinging_point
 

@@ -29,7 +29,9 @@ from hhtbench.mechanics import beams, space
 from hhtbench.mechanics.forces import force_of, spring_damper
 from hhtbench.mechanics.lines import chain, outline
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Simo and Vu-Quoc, Comput. Methods Appl. Mech. Eng. 66 (1988) 125-161, right-angle cantilever beam"

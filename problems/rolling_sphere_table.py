@@ -32,7 +32,9 @@ from jax import Array
 
 from hhtbench.mechanics.space import norm_rows, quaternion_rate, rotation, space_rate
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Neimark and Fufaev, Dynamics of Nonholonomic Systems, American Mathematical Society 1972"

@@ -24,7 +24,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.protocol.system import Motion, Problem, Scales
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
 from problems._common import checked, load_reference, minimal
 from problems._pendulum import Bob, angle, quarter, sketch, swinging_point
 

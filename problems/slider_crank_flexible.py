@@ -35,7 +35,9 @@ from jax import Array
 
 from hhtbench.mechanics.lines import chain, pin_lines
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Test Set for IVP Solvers, slider crank problem"

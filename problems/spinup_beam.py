@@ -30,7 +30,9 @@ from hhtbench.mechanics import beams
 from hhtbench.mechanics.forces import force_of, spring_damper
 from hhtbench.mechanics.lines import chain, pin_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Simo and Vu-Quoc, J. Appl. Mech. 53 (1986) 849-863; Kane, Ryan, Banerjee, J. Guidance 10 (1987) 139-151"

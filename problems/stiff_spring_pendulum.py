@@ -26,7 +26,9 @@ from jax import Array
 
 from hhtbench.mechanics.lines import chain, pin_lines, spring_lines
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference, minimal
 
 SOURCE = "textbook mechanics, stiff spring pendulum with a rigid rod added"

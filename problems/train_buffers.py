@@ -27,7 +27,9 @@ from hhtbench.mechanics import contact, forces
 from hhtbench.mechanics.lines import box_lines, ground_lines
 from hhtbench.protocol.arguments import Vector, positive_integer
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 from problems._common import checked, load_reference
 
 SOURCE = "Hunt and Crossley, J. Appl. Mech. 42 (1975) 440-445; the train is of this bench"

@@ -15,7 +15,8 @@ import numpy as np
 
 from hhtbench.lowering import Structure, derive
 from hhtbench.protocol.errors import ProblemError, did_you_mean
-from hhtbench.protocol.system import PHYSICS, Problem, System, declared, reaction_takes_velocity
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import PHYSICS, System, declared, reaction_takes_velocity
 from hhtbench.solution.counting import timed
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution, Status

@@ -11,7 +11,7 @@ import numpy as np
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request, check_output_times
 from hhtbench.solution.result import Ends, Solution, Status

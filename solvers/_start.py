@@ -27,7 +27,8 @@ from hhtbench.lowering.dynamics.regular import with_full_matrices
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import DERIVATIVES, NumpySystem, Problem, System, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import DERIVATIVES, NumpySystem, System, declared
 from hhtbench.solution.counting import Work, uncounted
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status

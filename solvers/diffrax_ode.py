@@ -21,7 +21,8 @@ from hhtbench.lowering import compile_function
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol.errors import BudgetSpent
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import NumpySystem, Problem
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Status
 from solvers._adapter import Adapter, choose

@@ -17,7 +17,8 @@ import numpy as np
 from hhtbench.lowering import Dynamics
 from hhtbench.protocol.arguments import Matrix
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import MinimalCoordinates, Problem, Scales, Solver
+from hhtbench.protocol.problem import MinimalCoordinates, Problem, Solver
+from hhtbench.protocol.scales import Scales
 from hhtbench.solution.counting import Work
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Ends, Solution, ends_of

@@ -14,7 +14,7 @@ import numpy as np
 from scipy import integrate
 
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers._adapter import Adapter, choose

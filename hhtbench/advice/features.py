@@ -13,7 +13,7 @@ from hhtbench.lowering.equations import Equations
 from hhtbench.lowering.rates import fastest_rates
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError, Stop
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 MOMENTS = (0.1, 0.4)  # shares of the interval: later times at which forces are evaluated in the state of the start
 MIN_TURNS = 1e-3  # smallest number of turns in the interval; slower motions count as this

@@ -26,7 +26,8 @@ from hhtbench.catalogue.specs import canonical
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.printing import Printed
-from hhtbench.protocol.system import NumpySystem, Problem
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem
 
 TIGHTEST = HELD[1]  # bound of the drift that a database knows
 ERRORS = f"{max(ACCURACIES):g} to {min(ACCURACIES):g}"

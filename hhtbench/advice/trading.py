@@ -32,7 +32,7 @@ from hhtbench.catalogue.specs import canonical
 from hhtbench.protocol.arguments import positive_integer, real_number
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.printing import Printed
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.report.words import work
 from hhtbench.solution.request import Request
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from hhtbench.campaign import Campaign
 from hhtbench.campaign.reference import reference_of
 from hhtbench.campaign.references import auto_references
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 
 @dataclass(frozen=True)

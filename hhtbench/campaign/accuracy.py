@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 
 COMPONENTS = ("q", "v", "lam", "mu")

@@ -15,7 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 from hhtbench.campaign.run import WARM_UP, Phase, of_plugins, request_of, text_of, warm_up, without_output
-from hhtbench.protocol.system import Problem, Solver
+from hhtbench.protocol.problem import Problem, Solver
 from hhtbench.solution.request import Request
 
 MIN_READING = 0.02  # shortest reading [s of solves]: far above the clock's resolution and other activity of the process

@@ -11,7 +11,7 @@ from hhtbench.campaign.accuracy import Comparison, compare, compare_multipliers
 from hhtbench.checks.drift import Drift, measure_drift, own_at_rows, own_at_steps
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.evidence import plain
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Counters, Solution
 
 MOST_POINTS = 100  # points of a curve: what a plot can show

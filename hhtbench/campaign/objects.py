@@ -20,7 +20,8 @@ from hhtbench.catalogue.filespec import refuse_nested
 from hhtbench.catalogue.specs import canonical, parse_spec
 from hhtbench.protocol.arguments import shown
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import IMPORTED, Problem
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import IMPORTED
 from hhtbench.runtime.processes import Inline
 
 MTIME_ROUNDING = 2.0  # [s]; some file systems store times of change no finer

@@ -22,7 +22,7 @@ from hhtbench.campaign.store import RunRow, Store
 from hhtbench.catalogue.registry import holding
 from hhtbench.protocol.arguments import positive_integer
 from hhtbench.protocol.printing import Printed
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 
 @dataclass(frozen=True)

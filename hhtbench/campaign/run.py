@@ -25,7 +25,7 @@ from hhtbench.checks.result.success import doubt_about, too_few
 from hhtbench.lowering import derive, operations
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Solver
+from hhtbench.protocol.problem import Problem, Solver
 from hhtbench.solution.request import Request, check_output_times
 from hhtbench.solution.result import Counters, Ends, Solution, Status, ends_of
 

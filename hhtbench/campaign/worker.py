@@ -16,7 +16,7 @@ from hhtbench.campaign.reference import reference_of
 from hhtbench.campaign.run import Phase, of_plugins, run_cell, status_of, text_of
 from hhtbench.catalogue.registry import load_problem, load_solver, with_events
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Solver
+from hhtbench.protocol.problem import Problem, Solver
 from hhtbench.runtime.processes import opened
 from hhtbench.solution.result import Status
 

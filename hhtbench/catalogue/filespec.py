@@ -16,7 +16,7 @@ from types import ModuleType
 from typing import Any
 
 from hhtbench.protocol.errors import NotFoundError, ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.runtime.processes import WORKER
 
 _EXECUTED: ContextVar[str] = ContextVar("executed", default="")  # the file that is being executed now

@@ -20,7 +20,8 @@ from hhtbench.catalogue import plugins
 from hhtbench.catalogue.packages import own_folder
 from hhtbench.catalogue.specs import Spec, parse_spec
 from hhtbench.protocol.errors import ProblemError, did_you_mean
-from hhtbench.protocol.system import NumpySystem, Problem, Solver, System
+from hhtbench.protocol.problem import Problem, Solver
+from hhtbench.protocol.system import NumpySystem, System
 
 if TYPE_CHECKING:
     from hhtbench.protocol.evidence import Evidence

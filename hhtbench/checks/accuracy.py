@@ -24,7 +24,8 @@ from hhtbench.checks.finer_runs import FinerRuns, Run, taken_by
 from hhtbench.checks.result.between import PLACES, SteppedOver, stepped_over
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import NumpySystem, Problem, Solver
+from hhtbench.protocol.problem import Problem, Solver
+from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution, Status
 

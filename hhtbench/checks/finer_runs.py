@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import DenseOutput, ErrorEstimate, Solution
 
 FINER = {"rtol": 4.0, "steps": 2.0}  # between the two runs of a pair: both make a second-order error four times smaller

@@ -25,7 +25,8 @@ from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem, System
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import System
 
 SAMPLES = 400  # equal parts of the interval that are searched; a motion that jumps and returns within a sixth is not seen
 SMALLEST_JUMP, BY_DIFFERENCES = 1e-9, 1e-6  # smaller jumps, over the largest value of the same row, are not searched for

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from hhtbench.lowering import derive
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 
 

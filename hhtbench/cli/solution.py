@@ -10,7 +10,7 @@ from tabulate import tabulate
 from hhtbench.campaign.accuracy import COMPONENTS, compare
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 
 MOST_SHOWN = 12  # entries of a vector on the terminal; the file holds all

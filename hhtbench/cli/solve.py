@@ -11,7 +11,7 @@ from hhtbench.cli.output import NEW_FILE, Command, Found, with_options
 from hhtbench.runtime.interruption import ends_at_once
 
 if TYPE_CHECKING:
-    from hhtbench.protocol.system import Problem
+    from hhtbench.protocol.problem import Problem
     from hhtbench.solution.result import Solution
 
 request_options = with_options(  # which solver integrates, how, and within which budgets

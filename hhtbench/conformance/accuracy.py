@@ -22,7 +22,7 @@ from hhtbench.catalogue.registry import list_problems, load_problem
 from hhtbench.conformance.families.errors import known_motion
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Evidence, Row
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.runtime.processes import worker_processes
 from hhtbench.solution.result import Status
 

@@ -14,7 +14,7 @@ from hhtbench.api import solve
 from hhtbench.conformance.entry import Entry, Kind, Known, Lane, Outcome
 from hhtbench.conformance.subject import ACCURACY, Declined, Subject
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution, Status
 
 MAX_SECONDS = 3.0  # of one solve, unless a cell says otherwise

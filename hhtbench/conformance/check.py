@@ -19,7 +19,7 @@ from hhtbench.conformance.registry import CLAIMS, FAMILIES, checks_of
 from hhtbench.conformance.subject import ACCURACY, ITERATIONS, Claims, Subject, expect
 from hhtbench.protocol.errors import did_you_mean
 from hhtbench.protocol.evidence import Row
-from hhtbench.protocol.system import Problem, Solver
+from hhtbench.protocol.problem import Problem, Solver
 
 SUITES: Mapping[str, Sequence[Entry]] = {"claims": CLAIMS, "extremes": FAMILIES}
 SOLVERS = ("hht", "projected")  # two families: one step of the DAE itself, and the underlying ODE put back

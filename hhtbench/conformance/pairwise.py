@@ -12,7 +12,8 @@ from hhtbench.api import solve
 from hhtbench.catalogue.registry import load_problem, load_solver
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, Scales, Solver
+from hhtbench.protocol.problem import Problem, Solver
+from hhtbench.protocol.scales import Scales
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Solution
 

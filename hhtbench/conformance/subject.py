@@ -19,7 +19,7 @@ from hhtbench.conformance.scenes import SCENES
 from hhtbench.conformance.scenes.rod import Q0, V0, problem
 from hhtbench.conformance.scenes.scene import SPAN, Scene
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import Problem, Solver
+from hhtbench.protocol.problem import Problem, Solver
 from hhtbench.solution.request import make_request
 from hhtbench.solution.result import Solution, Status
 

@@ -13,7 +13,7 @@ from hhtbench.drawing import draw
 from hhtbench.drawing.motion import Course, draw_state, find_course
 from hhtbench.drawing.scene import Scene, make_scene
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 Writer = Callable[[Scene, int | None, Path], None]
 

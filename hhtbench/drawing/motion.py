@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.api import solve
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution, Status
 
 SAMPLES = 600  # states of a course: 40 a swing where an interval holds 15 swings

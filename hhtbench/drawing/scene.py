@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.drawing.motion import Course, draw_state
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 AZIMUTH, HEIGHT = np.radians(-60.0), np.radians(22.0)  # of the eye, for sketches in space; parallel projection
 STILL = 1e-4  # movement over size below which a piece belongs to the ground: a tenth of a pixel, more than drift

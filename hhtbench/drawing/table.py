@@ -12,7 +12,8 @@ from hhtbench.campaign.reference.plan import Entry, registered_plans
 from hhtbench.catalogue import plugins
 from hhtbench.catalogue.registry import THUMBNAILS, list_problems, load_problem
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import declared
 
 BEGIN, END = "<!-- table: hhtbench show --table -->", "<!-- end of table -->"
 HEADS = ("", "name and parameters", "n/m/p", "tags", "values to compare with", "source", "good for")

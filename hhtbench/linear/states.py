@@ -14,7 +14,9 @@ from hhtbench.lowering.equations import Equations
 from hhtbench.protocol.arguments import Matrix, Vector, real_number, real_vector
 from hhtbench.protocol.errors import ProblemError, Stop
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem, Unscaled, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Unscaled
+from hhtbench.protocol.system import declared
 
 EPS = float(np.finfo(float).eps)
 WORDS = {

@@ -21,7 +21,7 @@ from hhtbench.linear.states import FixedTime, Rates
 from hhtbench.linear.tangent import Terms, decomposed
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 MAX_ITERATIONS = 300  # a chain of 40 links that falls from the level takes 60; the rest is for contacts
 MAX_STEP = 0.3  # of a coordinate's size: curved constraints are met again from there

@@ -13,7 +13,7 @@ from hhtbench.linear.statics import Equilibrium, equilibrium
 from hhtbench.linear.tangent import Linear
 from hhtbench.protocol.arguments import Matrix, Vector, real_vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 STEADY = 1e-6  # relative change of the linearised equations along a steady motion, by roundoff and differences
 

@@ -21,7 +21,8 @@ from hhtbench.lowering.compile.routes import MAX_COMPILED
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.lowering.dynamics.matrix_free import SMALL
 from hhtbench.lowering.dynamics.products import large, matrix_free
-from hhtbench.protocol.system import DECLARABLE, PHYSICS, NumpySystem, Problem, System, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import DECLARABLE, PHYSICS, NumpySystem, System, declared
 
 WIDTHS = [None, 32, 52, 52]  # characters a column of the table
 MAX_SHOWN = 6  # entries of a parameter array shown; for a larger one its shape

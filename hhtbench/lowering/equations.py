@@ -20,7 +20,7 @@ from hhtbench.lowering.dynamics.rank import minimum_norm
 from hhtbench.protocol.arguments import Matrix, Vector, all_finite
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError, Stop
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.counting import Clock, Work
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import DenseOutput, Solution, Status

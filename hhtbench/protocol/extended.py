@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,21 +17,23 @@ import numpy as np
 
 from hhtbench.protocol.arguments import real_vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.sampled import Periodic, Sampled, periodic_changes
+from hhtbench.protocol.events import Event
+from hhtbench.protocol.sampled import Sampled, sampling_events
+from hhtbench.protocol.scales import Scales, Unscaled
 from hhtbench.protocol.system import (
     DECLARABLE,
     PATTERNS,
     SIGNATURES,
     WITH_VELOCITY,
     NumpySystem,
-    Problem,
-    Scales,
     Signature,
     System,
-    Unscaled,
     declared,
     full_pattern,
 )
+
+if TYPE_CHECKING:
+    from hhtbench.protocol.problem import Problem
 
 STATES, INPUTS = "x", "u"  # names of the further arguments
 TAKE_BOTH = ("force", "state_rate", "reaction", "velocity_reaction", "energy", "power", "invariants")
@@ -142,9 +144,9 @@ def _scales(problem: Problem, layout: Layout) -> Scales:
     )
 
 
-def samples_of(problem: Problem) -> tuple[Periodic, ...]:
-    """Periodic changes of the state by which the inputs of an extended problem are sampled."""
-    return periodic_changes(problem.inputs, problem.system.layout)  # type: ignore[union-attr]
+def samples_of(problem: Problem) -> tuple[Event, ...]:
+    """Periodic events by which the inputs of an extended problem are sampled."""
+    return sampling_events(problem.inputs, problem.system.layout)  # type: ignore[union-attr]
 
 
 def on_extended(inner: System | NumpySystem, layout: Layout, name: str, xp: Any) -> Any:

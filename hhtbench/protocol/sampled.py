@@ -6,12 +6,13 @@ import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector, real_array, real_number, real_values
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.events import Event
 
 SAME_TIME = 1e-9  # relative to a period: a delay this close to whole periods is that many
 
@@ -72,17 +73,8 @@ class Sampled:
         return int(self.start.size)
 
 
-class Periodic(NamedTuple):
-    """A change of (q, v) at ``first``, ``first + every``, ... [s] after the start."""
-
-    every: float
-    first: float
-    change: Callable[..., Any]
-    name: str
-
-
-def periodic_changes(inputs: Sequence[Sampled], layout: Any) -> tuple[Periodic, ...]:
-    """The changes of extended coordinates, ordered as in ``layout``, that sample the inputs and let them act."""
+def sampling_events(inputs: Sequence[Sampled], layout: Any) -> tuple[Event, ...]:
+    """The events of extended coordinates, ordered as in ``layout``, that sample the inputs and let them act."""
     held, stored = layout.n + layout.states, layout.n + layout.states + layout.inputs
     places = []  #: of each input: where it acts, and the places through which its samples go, the newest first
     for one in inputs:
@@ -92,9 +84,10 @@ def periodic_changes(inputs: Sequence[Sampled], layout: Any) -> tuple[Periodic, 
         held, stored = held + one.size, stored + one.waiting * one.size
     newest, found = [through[0] for _, through in places], []
     for one, (acting, through) in zip(inputs, places, strict=True):
-        found.append(Periodic(one.every, 0.0, partial(_sampled, one, through, newest, layout), one.name))
+        found.append(Event.every(one.every, partial(_sampled, one, through, newest, layout), name=one.name))
         if one.periods[1] > 0.0:
-            found.append(Periodic(one.every, one.delay, partial(_acting, acting, through[-1]), f"{one.name} acts"))
+            acts = partial(_acting, acting, through[-1])
+            found.append(Event.every(one.every, acts, name=f"{one.name} acts", first=one.delay))
     return tuple(found)
 
 

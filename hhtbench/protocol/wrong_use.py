@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import DECLARABLE, SIGNATURES, Problem, Signature, accepts, declared, near_name, signature_of
-
-EVENT = Signature(("t", "q", "v"), ("",))
+from hhtbench.protocol.events import STATE
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import DECLARABLE, SIGNATURES, Signature, accepts, declared, near_name, signature_of
 
 
 def raise_wrong_use(problem: Problem, error: Exception) -> None:
@@ -38,7 +38,7 @@ def require_events(events: Callable[..., Any] | Sequence[Any]) -> None:
     """Raise a TypeError unless plain event functions, one or a list, take (t, q, v)."""
     for i, event in enumerate(events if isinstance(events, (list, tuple)) else [events]):
         if inspect.isfunction(event):
-            require_arguments(f"events[{i}]", event, EVENT)
+            require_arguments(f"events[{i}]", event, STATE)
 
 
 def system_as_problem(system: Any) -> TypeError:

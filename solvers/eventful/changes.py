@@ -10,13 +10,14 @@ import numpy as np
 
 from hhtbench.lowering import Dynamics
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.counting import Work
 from hhtbench.solution.phases import Impact
 from solvers._start import Failure, of_dynamics
 from solvers.eventful.impacts import rebound
 from solvers.eventful.steps import Point
-from solvers.hht.events.event import Event, changed_by, value_of
+from solvers.hht.events.event import changed_by, value_of
 from solvers.hht.events.locate import TOGETHER, Crossing
 from solvers.hht.events.sides import BESIDE, changed_values, is_leaving, local_at, side_after
 from solvers.hht.run.stepper import MAX_CHANGES_AT_ONCE, PILED_UP

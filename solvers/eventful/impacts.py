@@ -13,11 +13,12 @@ import scipy.sparse as sp
 from hhtbench.lowering import Dynamics, unreduced
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.events import Event
 from hhtbench.solution.phases import Impact
 from solvers._projection import Projection, closest
 from solvers._start import of_dynamics
 from solvers.eventful.steps import Point
-from solvers.hht.events.event import Event, number_of
+from solvers.hht.events.event import number_of
 
 ROUNDOFF = 1e-9  # impulses below this part of the largest do not pull
 INCREMENT = float(np.finfo(np.float64).eps) ** (1 / 3)  # of differences, over the size of q

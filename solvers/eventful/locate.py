@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from hhtbench.protocol.events import Event
 from hhtbench.solution.counting import Work
 from solvers.eventful.steps import Point
-from solvers.hht.events.event import Event, value_of
+from solvers.hht.events.event import value_of
 from solvers.hht.events.locate import Crossing, between
 
 SOLVES = 5  # times that the solver is run up to the event

@@ -13,15 +13,15 @@ from hhtbench.lowering import Dynamics, padded, redundant_rows, route_of, unredu
 from hhtbench.lowering.dynamics.rank import minimum_norm
 from hhtbench.lowering.scalar_compiler import native_call
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.counting import Work
 from hhtbench.solution.result import Status
 from solvers._initcond import project
 from solvers._start import Failure, PhasePoint, dynamics_for, of_dynamics
 from solvers.eventful.changes import Changes
 from solvers.eventful.steps import Point
-from solvers.hht.events.event import Event
 from solvers.hht.events.functions import code_of
 from solvers.hht.events.sides import BESIDE
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.counting import Clock, Work
 from hhtbench.solution.phases import Impact
 from hhtbench.solution.request import Request
@@ -26,7 +27,7 @@ from solvers.eventful.locate import located
 from solvers.eventful.phase import PhaseFunctions
 from solvers.eventful.rows import Rows
 from solvers.eventful.steps import Point, crossings_in
-from solvers.hht.events.event import Event, Occurrence
+from solvers.hht.events.event import Occurrence
 from solvers.hht.events.locate import TOGETHER, Crossing
 from solvers.hht.events.sides import BESIDE, starting_values
 

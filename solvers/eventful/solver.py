@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hhtbench.protocol.system import Problem, Solver
+from hhtbench.protocol.events import Event, make_events
+from hhtbench.protocol.problem import Problem, Solver
 from hhtbench.solution.counting import timed
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Solution
 from solvers.eventful.run import Run
-from solvers.hht.events.event import Event, make_events
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.events import Event
 from hhtbench.solution.counting import Work
-from solvers.hht.events.event import Event, value_of
+from solvers.hht.events.event import value_of
 from solvers.hht.events.locate import Crossing, crossings
 from solvers.hht.events.scan import EXTRA
 from solvers.kernel.numbers import EPS

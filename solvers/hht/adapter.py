@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, ClassVar
 
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.request import Request, has_zero, plan_steps
 from hhtbench.solution.result import Solution, Status
 from solvers._start import PhasePoint, absolute_tolerances

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import declared
 from hhtbench.solution.request import Request
 from solvers.hht.adapter import HHTSolver
 from solvers.hht.control.controller import ControlOptions

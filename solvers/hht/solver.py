@@ -12,14 +12,16 @@ from typing import Any, ClassVar
 
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import NumpySystem, Problem, System
+from hhtbench.protocol.events import make_events
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.counting import Work, timed
 from hhtbench.solution.request import Request, make_request, with_tolerance
 from hhtbench.solution.result import Counters, DenseOutput, Solution, Status
 from solvers._ending import solved
 from solvers._start import Failure, Guesses, PhasePoint
 from solvers.hht.control.tolerances import make_tolerances
-from solvers.hht.events.event import Occurrence, make_events
+from solvers.hht.events.event import Occurrence
 from solvers.hht.options import HHTOptions, make_options
 from solvers.hht.run.checkpoint import check, named, pack, setup_of, unpack
 from solvers.hht.run.engine import Engine, not_extrapolated

@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from hhtbench.protocol.system import Motion, NumpySystem, Problem, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.system import NumpySystem, System, parameter
 from hhtbench.solution.request import Request
 from solvers import cvode, diffrax_ode, ida, projected, scipy_ivp
 

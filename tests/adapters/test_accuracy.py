@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hhtbench.protocol.system import NumpySystem, Scales
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers import cvode, diffrax_ode, ida

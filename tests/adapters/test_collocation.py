@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import NumpySystem, Problem
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers import collocation

@@ -5,7 +5,8 @@ from __future__ import annotations
 PROBLEM = """\
     '''A weight that falls: y = 1 - g t^2 / 2.'''
     import numpy as np
-    from hhtbench.protocol.system import Motion, NumpySystem, Problem
+    from hhtbench.protocol.problem import Motion, Problem
+    from hhtbench.protocol.system import NumpySystem
 
     G = 9.81
 

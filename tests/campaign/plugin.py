@@ -16,7 +16,8 @@ from hhtbench.protocol.errors import ProblemError
 PROBLEM = """\
     '''A weight that falls: y = 1 - g t^2 / 2.'''
     import numpy as np
-    from hhtbench.protocol.system import Motion, NumpySystem, Problem
+    from hhtbench.protocol.problem import Motion, Problem
+    from hhtbench.protocol.system import NumpySystem
     from outside import shared
 
     DATA = "fall.json"

@@ -4,7 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from hhtbench.protocol.system import Motion, NumpySystem, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import NumpySystem, System, parameter
 
 # A bead on a moving parabola y = x^2 / 2 + sin(t) / 10, with a force that is not symmetric in q and v.
 Q0, V0 = np.array([1.0, 0.5]), np.array([2.0, 2.1])

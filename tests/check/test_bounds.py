@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol.system import NumpySystem, Problem, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem, System, parameter
 from tests.check.scenes import failed, row
 
 

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol.system import NumpySystem, Problem, Scales, System
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import NumpySystem, System
 from tests.check.scenes import (
     Q0,
     V0,

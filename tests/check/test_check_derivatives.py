@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol.system import Problem, Scales, System
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System
 from tests.check.scenes import V0, Bead, bead, bead_problem, failed, jax_bead, problem, row, skate, skate_problem
 
 FAULTS = {

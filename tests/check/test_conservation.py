@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol.system import Motion, NumpySystem, Problem, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.system import NumpySystem, System, parameter
 
 
 class Slide(System):

@@ -7,7 +7,8 @@ import pytest
 
 from hhtbench.lowering.description import describe
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import NumpySystem, Problem
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem
 from tests.check.scenes import Bead, bead_problem, fall, jax_bead, problem
 from tests.lowering.systems import Massless, MasslessWheel, Pendulum, Rich
 

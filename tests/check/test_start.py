@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from hhtbench.checks.problem import check
-from hhtbench.protocol.system import NumpySystem, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import NumpySystem, System, parameter
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers import hht, ida

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hhtbench.protocol.system import Motion, Problem, System
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.system import System
 
 
 class Rotor(System):

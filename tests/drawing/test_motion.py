@@ -6,7 +6,7 @@ import pytest
 from hhtbench import Status
 from hhtbench.drawing.motion import find_course, telling_end
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Motion
+from hhtbench.protocol.problem import Motion
 
 
 def test_motion_on_a_circle_is_shown_once_round(rotor):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from tests.eventful.test_eventful import BRAKE, STOP, Crane
 from tests.eventful.test_switches import BREAKS, SPEED, STICKING, STICKS
 

@@ -13,7 +13,8 @@ import hhtbench
 from hhtbench.lowering import NotNative, compile_function, derive
 from hhtbench.lowering.caching import Cache
 from hhtbench.lowering.dynamics import products
-from hhtbench.protocol.system import Problem, System
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import System
 from hhtbench.solution.result import Status
 from solvers import _xla_call
 from solvers.forms import eliminated, form, make_form

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol.system import Problem, System
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import System
 from hhtbench.solution.result import Status
 
 SOLVERS = ("hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected")

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 import hhtbench as hb
-from solvers.hht import HHT, Event
+from hhtbench.protocol.events import Event
+from solvers.hht import HHT
 from tests.fuzz.cases import Case
 from tests.fuzz.judge import Judge
 from tests.fuzz.systems import Spoil, numpy_system, traced_system

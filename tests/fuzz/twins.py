@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench import Solution
 from hhtbench.conformance.subject import expect
-from solvers.hht import Event
+from hhtbench.protocol.events import Event
 from tests.fuzz.oracles import TOLERANCES, clear, on_levels, sizes
 from tests.fuzz.runs import Found, Setting
 

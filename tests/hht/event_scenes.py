@@ -3,9 +3,10 @@
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.result import Status
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 from tests.hht.scenes import ANGLE, GRAVITY, Q0, SPEED, SYSTEMS, V0
 
 FREE = NumpySystem(force=lambda t, q, v: np.array([-GRAVITY]))

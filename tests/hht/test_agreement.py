@@ -9,7 +9,8 @@ import pytest
 import hhtbench as hb
 from hhtbench import ProblemError, Status
 from hhtbench.lowering import NotNative
-from solvers.hht import HHT, Event
+from hhtbench.protocol.events import Event
+from solvers.hht import HHT
 from solvers.hht.equations.coefficients import REACTIONS
 from solvers.hht.run import functions
 from solvers.hht.sources import SOURCES

@@ -16,9 +16,10 @@ import hhtbench as hb
 from hhtbench.conformance.scenes.linkages import DoublePendulum
 from hhtbench.lowering.compile.fingerprint import fingerprints
 from hhtbench.lowering.contents import NoContents
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem, System, parameter
 from hhtbench.solution.result import Status
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 from solvers.hht.run.checkpoint import MAGIC, VERSION
 from tests.hht.event_scenes import ACCURACY, FREE, begun, height, wall
 from tests.hht.scenes import ALPHAS, JAX_PENDULUM, PENDULUM, Q0, STEPPED, SYSTEMS, V0, bits

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 from tests.hht.event_scenes import FREE, GRAVITY, HOW, RESTITUTION, clock, height, impacts, wall
 from tests.hht.scenes import ALPHAS, Q0, SYSTEMS, V0, tension_at
 

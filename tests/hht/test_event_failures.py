@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.protocol.events import Event
 from hhtbench.solution.result import Status
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 from tests.hht.event_scenes import FREE, clock, drift, height
 from tests.hht.scenes import Q0, SYSTEMS, V0, pendulum
 

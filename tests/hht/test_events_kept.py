@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.result import Status
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 from tests.hht.event_scenes import AT_REST, FREE, GRAVITY, HOW, height
 from tests.hht.scenes import SYSTEMS
 

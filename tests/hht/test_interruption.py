@@ -6,9 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.result import Status
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 from tests.hht.scenes import GRAVITY, JAX_PENDULUM, Q0, V0
 
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem, System
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 from solvers.hht.run import engine_pool
 from solvers.hht.run.functions import Functions
 from solvers.hht.run.history import History

@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 import hhtbench as hb
-from hhtbench.protocol.system import NumpySystem, Problem, System
+from hhtbench.protocol.events import Event
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.result import Status
 from problems.planar_chain import PlanarChain
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 from solvers.hht.verify.measure import violations
 from solvers.hht.verify.outputs import outputs
 from tests.hht.scenes import GRAVITY, Q0, SYSTEMS, V0

@@ -8,8 +8,8 @@ import pytest
 
 import hhtbench as hb
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.events import Event
 from hhtbench.solution.request import Request
-from solvers.hht import Event
 from solvers.hht.equations.generalised_alpha import GeneralisedAlpha
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
 from solvers.hht.verify import rivals

@@ -12,10 +12,12 @@ import scipy.sparse as sp
 from hhtbench.api import solve
 from hhtbench.lowering import derive, minimum_norm, padded, reduce_redundant, redundant_rows, unreduced
 from hhtbench.lowering.dynamics import rank
-from hhtbench.protocol.system import NumpySystem, Problem, System
+from hhtbench.protocol.events import Event
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution import counting
 from hhtbench.solution.result import Status
-from solvers.hht import HHT, Event
+from solvers.hht import HHT
 
 Q0, V0 = np.array([1.0, 0.0]), np.array([0.0, 2.0])
 SOLVERS = [

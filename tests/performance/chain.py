@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 import hhtbench  # noqa: F401 - 64 bit before anything else
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 from problems import planar_chain
 from solvers.hht import HHT

@@ -22,7 +22,7 @@ import numpy as np
 from tabulate import tabulate
 
 import hhtbench as hb
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.counting import timed
 from hhtbench.solution.request import Request
 from problems import planar_chain

@@ -15,7 +15,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 import hhtbench as hb
-from hhtbench.protocol.system import Problem, System
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import System
 
 ORIGINS = (0.0, 1e3, 1e6, 1e9, 1e12, 1e15)  # [s]
 TOLERANCES = (1e-4, 1e-6, 1e-8)

@@ -12,7 +12,8 @@ PROBLEM = """\
 
     More text.
     '''
-    from hhtbench.protocol.system import Problem, System
+    from hhtbench.protocol.problem import Problem
+    from hhtbench.protocol.system import System
 
     class Fall(System):
         def force(self, t, q, v):

@@ -102,7 +102,8 @@ def test_solve_prints_the_error_where_the_end_is_known(mechanism, acme, run):
     with (mechanism / "my_mechanism.py").open("a") as file:
         file.write(
             "from dataclasses import replace\n"
-            "from hhtbench.protocol.system import Motion, Scales\n"
+            "from hhtbench.protocol.problem import Motion\n"
+            "from hhtbench.protocol.scales import Scales\n"
             "known = replace(finished, scales=Scales(q=10.0), exact=lambda t: Motion([1.5], [0.0], [], []))\n"
             "table = replace(finished, reference={'t': [0.0, 1.0], 'q': [[1.0], [1.25]], 'digits': 9})\n"
         )

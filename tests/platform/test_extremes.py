@@ -15,7 +15,8 @@ from hhtbench.catalogue.specs import canonical, parse_spec
 from hhtbench.cli.main import main
 from hhtbench.protocol.arguments import positive_integer, real_number
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import NumpySystem, Problem
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem
 from hhtbench.solution.request import make_request, plan_steps
 from solvers.hht import HHT
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import NumpySystem, Problem, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import NumpySystem, System, parameter
 from hhtbench.solution.request import RTOL_FLOOR, check_output_times, make_request, plan_steps
 
 SYSTEM = NumpySystem(force=lambda t, q, v: -q)

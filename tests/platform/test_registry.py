@@ -17,7 +17,7 @@ from hhtbench.catalogue.registry import (
     load_verification,
 )
 from hhtbench.protocol.errors import NotFoundError, ProblemError
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from tests.platform.plugins_fixture import PROBLEM, forget, make_distribution
 
 

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from hhtbench.catalogue.registry import list_problems, load_problem
-from hhtbench.protocol.system import TAGS, declared
+from hhtbench.protocol.problem import TAGS
+from hhtbench.protocol.system import declared
 from tests.problems.cases import CHANGED, FURTHER
 from tests.problems.mechanics import Mechanics, compiled
 

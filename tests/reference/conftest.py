@@ -11,7 +11,9 @@ from hhtbench.campaign.reference.plan import Entry
 SCENE = '''
 import numpy as np
 from dataclasses import dataclass
-from hhtbench.protocol.system import Motion, Problem, Scales, System
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System
 from hhtbench.solution.result import Solution, Status
 
 

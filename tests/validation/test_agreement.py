@@ -79,7 +79,8 @@ def test_the_tightest_run_counts_and_a_looser_one_that_falls_converges():
 
 MECHANISM = """
 import jax.numpy as jnp
-from hhtbench.protocol.system import Problem, System
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import System
 class Rod(System):
     def force(self, t, q, v):
         return jnp.array([0.0, -9.81]) - 0.1 * v

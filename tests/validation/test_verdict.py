@@ -91,7 +91,8 @@ def test_the_table_shows_digits_statuses_and_reasons():
 
 MECHANISM = """
 import jax.numpy as jnp, numpy as np
-from hhtbench.protocol.system import Problem, System, Motion
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.system import System
 class Spring(System):
     def force(self, t, q, v):
         return -4.0 * q

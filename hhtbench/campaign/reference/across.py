@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.api import solve
 from hhtbench.checks.jumps import Jumps
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 
 SHORTEST_BUDGET = 1e-3  # s: of a piece that begins when the time is up, and ends with that status

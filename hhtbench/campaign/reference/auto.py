@@ -21,7 +21,8 @@ from hhtbench.catalogue.registry import load_problem
 from hhtbench.lowering.equations import Equations
 from hhtbench.lowering.rates import fastest_rates
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Problem, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import declared
 from hhtbench.runtime.processes import Inline, worker_processes
 
 GRID = 40  # equal pieces of the interval; the reference has a row at each end

@@ -15,7 +15,7 @@ from hhtbench.catalogue.registry import load_problem, load_solver
 from hhtbench.checks.jumps import Jumps, find_jumps
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Motion, Problem
+from hhtbench.protocol.problem import Motion, Problem
 from hhtbench.solution.result import Counters, Solution, Status
 
 QUANTITIES = ("q", "v", "lam", "mu")

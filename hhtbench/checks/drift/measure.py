@@ -29,7 +29,8 @@ from hhtbench.checks.result.levels import Rows, at_rows, declared_sizes
 from hhtbench.lowering import Dynamics, compile_function, derive
 from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import Problem, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import declared
 from hhtbench.solution.result import Ends, Solution, ends_of
 
 NO_MULTIPLIERS = "no multipliers of its own: zero by construction"

@@ -17,7 +17,8 @@ from hhtbench.checks.problem.survey import Survey, survey
 from hhtbench.lowering import Dynamics, Structure, derive
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.evidence import Evidence, Row
-from hhtbench.protocol.system import DERIVATIVES, Problem
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import DERIVATIVES
 
 __all__ = ["check"]
 

@@ -28,7 +28,8 @@ from hhtbench.lowering.dynamics.differences import derivative_along
 from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Row
-from hhtbench.protocol.system import Problem, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import declared
 
 MAX_TIMES = 8  # points of the known motion that are measured
 MEASURED = ("energy", "power", "invariants")

@@ -13,7 +13,8 @@ from hhtbench.checks.problem.start import Start
 from hhtbench.lowering import CONSISTENT
 from hhtbench.protocol.arguments import real_values
 from hhtbench.protocol.evidence import Row
-from hhtbench.protocol.system import Problem, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import declared
 
 
 def data_rows(problem: Problem, m: int | None, p: int | None, sizes: Sizes, start: Start | None) -> list[Row]:

@@ -10,7 +10,7 @@ import numpy as np
 from hhtbench.checks.problem.rows import attempt, yes_or_fault
 from hhtbench.protocol.arguments import Vector, real_array
 from hhtbench.protocol.evidence import Row
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from hhtbench.lowering.dynamics.kkt_rows import Acceleration
 from hhtbench.lowering.dynamics.rank import ConstraintRank
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Row
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 SEMIDEFINITE = 1e-12
 DEPENDENT = 1e-10  # singular values below this of the scaled matrix are roundoff of dependent rows

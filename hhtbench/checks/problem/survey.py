@@ -13,12 +13,12 @@ from hhtbench.checks.problem.rows import attempt, not_measured, yes_or_fault
 from hhtbench.protocol.arguments import real_values
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.evidence import Row
+from hhtbench.protocol.problem import Problem
 from hhtbench.protocol.system import (
     DECLARABLE,
     DERIVATIVES,
     PATTERNS,
     PHYSICS,
-    Problem,
     Signature,
     System,
     checked_patterns,

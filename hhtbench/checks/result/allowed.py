@@ -6,7 +6,7 @@ import numpy as np
 
 from hhtbench.checks.result.flow import Crossing, Equations, Flow, NotJudged
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.request import Request, plan_steps
 
 FINEST = 1e-10  # relative: no motion is known better after many steps

@@ -18,7 +18,7 @@ from hhtbench.checks.result.flow import Equations, Flow, NotJudged
 from hhtbench.checks.result.levels import declared_sizes
 from hhtbench.checks.result.success import SAME_TIME
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution, ends_of
 
 STILL = 1e-3  # share of the median speed of change below which rows may be frozen

@@ -20,7 +20,7 @@ from hhtbench.lowering.dynamics.kkt import AccelerationLevel
 from hhtbench.protocol.arguments import Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 FINEST, COARSEST = 1e-12, 1e-6  # relative tolerances of the steps
 

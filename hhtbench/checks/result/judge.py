@@ -24,7 +24,7 @@ from hhtbench.checks.result.success import SAME_TIME, doubt_about, wrong_columns
 from hhtbench.checks.result.unknown import unknown_without_reason
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Ends, Solution
 

@@ -12,7 +12,8 @@ from hhtbench.lowering.caching import Cache, by_id
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem, Scales
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
 

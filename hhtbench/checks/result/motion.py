@@ -20,7 +20,7 @@ import numpy as np
 from hhtbench.checks.result.allowed import Missed
 from hhtbench.checks.result.flow import Equations, Flow, NotJudged
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.request import Request
 
 BOUND = 50.0  # times the error allowed of a step: a window has many, and libraries miss their tolerances tenfold at times

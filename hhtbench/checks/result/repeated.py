@@ -6,7 +6,7 @@ from dataclasses import fields
 
 import numpy as np
 
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution
 

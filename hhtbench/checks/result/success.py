@@ -18,7 +18,7 @@ from hhtbench.lowering import CONSISTENT, ConstraintLevels, derive
 from hhtbench.protocol.arguments import Vector, all_finite
 from hhtbench.protocol.errors import NonFiniteValue
 from hhtbench.protocol.printing import exact
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Ends, Solution, Status

@@ -8,7 +8,7 @@ from hhtbench.checks.result.levels import sizes_of, spread
 from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import NonFiniteValue
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.counting import Clock
 from hhtbench.solution.result import Solution
 

@@ -11,7 +11,8 @@ from scipy.integrate import quad
 
 from hhtbench.conformance.entry import claim
 from hhtbench.conformance.subject import Subject, expect
-from hhtbench.protocol.system import Problem, System
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import System
 
 BEGINS, WITHIN = 0.53, 1e-3  # [s]
 SIZE = 100.0  # [m/s^2]

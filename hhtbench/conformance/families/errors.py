@@ -9,7 +9,7 @@ import numpy as np
 
 from hhtbench.conformance.cell import Error, Expected
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 
 

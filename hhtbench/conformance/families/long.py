@@ -18,7 +18,7 @@ from hhtbench.catalogue.registry import load_problem
 from hhtbench.conformance.cell import Cell, Error, Expected, family
 from hhtbench.conformance.families.errors import held, kept
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 
 STEPS = 500  # a swing

@@ -14,7 +14,9 @@ from hhtbench.conformance.scenes.scene import on_motion
 from hhtbench.conformance.subject import ACCURACY
 from hhtbench.mechanics.space import quaternion_rate, rotation, rotational_force, rotational_mass
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 
 SPAN = 5.0  # [s], two turns of the axis
 MOMENTS = np.array([1.0, 1.0, 2.0])  # about the body's axes [kg m^2]

@@ -17,7 +17,7 @@ from hhtbench.conformance.families.errors import at_the_end, held, reacting
 from hhtbench.conformance.scenes.circles import crossed_levels, leaning
 from hhtbench.conformance.subject import ACCURACY
 from hhtbench.protocol.arguments import Matrix
-from hhtbench.protocol.system import Motion, Problem
+from hhtbench.protocol.problem import Motion, Problem
 
 SPAN = 2.0  # [s]
 LEVELS = 1e-12

@@ -20,7 +20,7 @@ from hhtbench.conformance.scenes.pendulum import PERIOD, Frame, pendulum
 from hhtbench.conformance.scenes.scene import SPAN, Scene
 from hhtbench.conformance.subject import ACCURACY
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 
 SWING = 100.0  # error over h^2 of a method of second order in a swing of the pendulum [1/s^2]; HHT's is near 10

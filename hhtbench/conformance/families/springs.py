@@ -16,7 +16,7 @@ from hhtbench.conformance.families.errors import HALF, REACTION, along, at_the_e
 from hhtbench.conformance.scenes.circles import FAST, FIRST, SLOW, crossed_levels, damped, led, spinning, stiff
 from hhtbench.conformance.scenes.servos import hung
 from hhtbench.conformance.subject import ACCURACY
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 
 SPAN = 5.0  # [s], most of a period of the slow motion

@@ -19,7 +19,9 @@ from scipy.integrate import quad
 
 from hhtbench.conformance.scenes.scene import on_motion
 from hhtbench.protocol.arguments import Vector
-from hhtbench.protocol.system import Motion, Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 
 BASIS = np.array([[1, 1, 1, 1], [1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]]) / 2
 SLOW, FAST, FIRST, SECOND = BASIS

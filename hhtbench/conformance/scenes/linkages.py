@@ -10,7 +10,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from hhtbench.conformance.scenes.pendulum import GRAVITY
-from hhtbench.protocol.system import Problem, Scales, System, parameter
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import System, parameter
 
 
 class DoublePendulum(System):

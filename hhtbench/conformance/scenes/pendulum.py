@@ -12,7 +12,8 @@ from scipy.special import ellipj, ellipk
 
 from hhtbench.conformance.scenes.scene import SPAN, Equations, Levels, Scene, make_scene
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import NumpySystem, Scales, System, parameter
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import NumpySystem, System, parameter
 
 
 class Pendulum(System):

@@ -9,7 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import Motion, NumpySystem, Problem, Scales, System
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.scales import Scales
+from hhtbench.protocol.system import NumpySystem, System
 
 SPAN = (0.0, 1.5)  # [s]
 UNIT = Scales()

@@ -10,7 +10,8 @@ import numpy as np
 
 from hhtbench.conformance.scenes.circles import FAST, FIRST, PRESS, SECOND, SLOW, arc, off_circle, on_circle
 from hhtbench.conformance.scenes.scene import on_motion
-from hhtbench.protocol.system import Motion, Problem, System, parameter
+from hhtbench.protocol.problem import Motion, Problem
+from hhtbench.protocol.system import System, parameter
 
 
 class Hung(System):

@@ -13,7 +13,7 @@ from hhtbench.conformance import Agreement
 from hhtbench.conformance.pairwise import Motion, agreement_of
 from hhtbench.conformance.validation.verdict import AGREEMENT, Kind, Verdict, claim, effort, nobody_disagrees, short
 from hhtbench.protocol.evidence import Row
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 FAMILIES = 2  # solvers of so many libraries must agree where there is no reference
 NO_REFERENCE = "no reference: judged by agreement"

@@ -23,13 +23,13 @@ from hhtbench.mechanics.multibody.signals import OWN, Signals
 from hhtbench.mechanics.multibody.system import ALL_FAMILIES, MEASURED, Multibody
 from hhtbench.mechanics.multibody.table import tabulated
 from hhtbench.protocol.errors import ProblemError, did_you_mean
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 APART = 1e8  # ratio of masses beyond which one of them is likely in another unit
 
 
 class Mechanism(Signals):
-    """Bodies, joints and forces by name, which become a :class:`~hhtbench.protocol.system.Problem` for every solver.
+    """Bodies, joints and forces by name, which become a :class:`~hhtbench.protocol.problem.Problem` for every solver.
 
     Coordinates are absolute: 7 of every body in space, 3 with ``plane=True``, where planar mechanisms belong: in space their
     joints have redundant rows.  Angles and travels of joints are zero in the drawn pose.  ``invariants`` maps names to

@@ -16,7 +16,7 @@ from hhtbench.mechanics.multibody.rows import OfTime, of_time
 from hhtbench.protocol.arguments import real_array
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.sampled import Sampled
-from hhtbench.protocol.system import Scales
+from hhtbench.protocol.scales import Scales
 
 OWN = "t", "q", "v"  # what laws may take beside states and inputs
 

@@ -50,7 +50,7 @@ def trapezoidal_start(alpha: float, f0: Any) -> tuple[Any, float]:
 def crosses(before: float, now: float, direction: int) -> bool:
     """True if a function going from ``before`` to ``now`` has an event: it changes sign or reaches zero.
 
-    ``direction`` as in :class:`~solvers.hht.events.event.Event`.  Leaving a zero is no event.
+    ``direction`` as in :class:`~hhtbench.protocol.events.Event`.  Leaving a zero is no event.
     """
     if before == 0.0 or (now != 0.0 and (now > 0.0) == (before > 0.0)):
         return False

@@ -15,7 +15,8 @@ from hhtbench.lowering import Dynamics, Native, native
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.lowering.dynamics.derive import parameters_of
 from hhtbench.protocol.errors import BudgetSpent
-from solvers.hht.events.event import Event, number_of
+from hhtbench.protocol.events import Event
+from solvers.hht.events.event import number_of
 from solvers.hht.events.scan import EXTRA
 from solvers.kernel.memory import DIRECTIONS, SAMPLES, Memory, integer_view
 

@@ -13,10 +13,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.events import Event
 from hhtbench.solution.counting import Work
 from solvers.hht.equations.formulas import crosses
 from solvers.hht.equations.interpolant import HermiteOutput
-from solvers.hht.events.event import Event, value_of
+from solvers.hht.events.event import value_of
 from solvers.hht.events.scan import EXTRA
 from solvers.hht.events.sides import BESIDE
 from solvers.hht.step.state import State

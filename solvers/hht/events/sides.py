@@ -9,8 +9,9 @@ from typing import Protocol
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.events import Event
 from hhtbench.solution.counting import Work
-from solvers.hht.events.event import Event, value_of
+from solvers.hht.events.event import value_of
 from solvers.kernel.numbers import EPS
 
 BESIDE = 1e-300  # value stored for a function at its zero, with the sign of the motion's side

@@ -20,12 +20,13 @@ import numpy as np
 from hhtbench.lowering.compile.fingerprint import fingerprints
 from hhtbench.lowering.contents import NoContents
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.result import Counters
 from solvers._start import PhasePoint
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.interpolant import HermiteOutput
-from solvers.hht.events.event import Event, Occurrence
+from solvers.hht.events.event import Occurrence
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.loops import misfits, misshapen

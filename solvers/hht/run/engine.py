@@ -15,13 +15,13 @@ from hhtbench.lowering.dynamics.mass import plain_mass
 from hhtbench.lowering.dynamics.matrix_free import VariableMass
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem, System, declared
 from hhtbench.solution.counting import Work
 from solvers._finite import explain_nonfinite
 from solvers._start import Guesses, PhasePoint, of_dynamics, points_of, usable
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.plan import Plan
-from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
 from solvers.hht.run.functions import MachineCode, functions_for
 from solvers.hht.run.history import row_layout

@@ -14,12 +14,12 @@ import numpy as np
 from hhtbench.lowering.dynamics.callbacks import Callbacks
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.errors import NonFiniteValue, ProblemError
+from hhtbench.protocol.events import Event
 from hhtbench.solution.counting import Work
 from solvers._start import Guesses, PhasePoint
 from solvers.hht.control.first_step import plan_first_step
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.known import Layout
-from solvers.hht.events.event import Event
 from solvers.hht.events.functions import EventFunctions
 from solvers.hht.run.branches import Stepped
 from solvers.hht.run.in_python import Codes, python_codes

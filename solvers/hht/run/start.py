@@ -10,12 +10,12 @@ import numpy as np
 from hhtbench.lowering.dynamics.augmented import AugmentedDynamics
 from hhtbench.protocol.arguments import Vector, real_number, real_vector
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.system import NumpySystem, System
 from hhtbench.solution.counting import Work
 from solvers._initcond import consistent_start, start_acceleration
 from solvers._projection import Projection, closest
 from solvers._start import Failure, Guesses, PhasePoint, dynamics_for, tried_twice
-from solvers.hht.events.event import Event
 from solvers.hht.options import HHTOptions
 from solvers.hht.run import engine_pool
 from solvers.hht.run.engine import SHIFTED, Engine

@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._initcond import project
@@ -19,7 +20,7 @@ from solvers._start import CORRECT, Failure, PhasePoint, budget_failure, of_dyna
 from solvers.hht.control.plan import ByError, Plan
 from solvers.hht.equations.formulas import SHORT
 from solvers.hht.equations.interpolant import HermiteOutput
-from solvers.hht.events.event import Event, Occurrence, changed_by, value_of
+from solvers.hht.events.event import Occurrence, changed_by, value_of
 from solvers.hht.events.locate import Attempt, Crossing, NotMade, StepTo, along, crossings, together
 from solvers.hht.events.sides import BESIDE, changed_values, is_leaving, side_after, starting_values
 from solvers.hht.run.engine import Engine

@@ -11,6 +11,7 @@ import numpy as np
 
 from hhtbench.protocol.arguments import real_number
 from hhtbench.protocol.errors import ProblemError
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.printing import exact
 from hhtbench.solution.result import Status
 from solvers._start import Failure, PhasePoint
@@ -19,7 +20,7 @@ from solvers.hht.control.plan import ByError, Constant, Plan
 from solvers.hht.control.tolerances import Tolerances
 from solvers.hht.equations.formulas import representable
 from solvers.hht.equations.interpolant import HermiteOutput
-from solvers.hht.events.event import Event, Occurrence
+from solvers.hht.events.event import Occurrence
 from solvers.hht.run.causes import explained
 from solvers.hht.run.engine import Engine
 from solvers.hht.run.history import row_layout

@@ -14,7 +14,7 @@ from hhtbench import load_problem
 from hhtbench.lowering import ConstraintLevels, Dynamics, compile_function, derive
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.system import Motion, Problem
+from hhtbench.protocol.problem import Motion, Problem
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Solution, Status
 from solvers.hht.adapter import solver

@@ -15,9 +15,9 @@ from hhtbench import list_problems, load_problem
 from hhtbench.campaign.reference.plan import registered_plans, validated_spec
 from hhtbench.lowering import derive
 from hhtbench.protocol.arguments import Matrix
+from hhtbench.protocol.events import Event
 from hhtbench.protocol.evidence import Evidence, Row
-from hhtbench.protocol.system import Problem
-from solvers.hht.events.event import Event
+from hhtbench.protocol.problem import Problem
 from solvers.hht.solver import HHT
 from solvers.hht.verify.control import MAX_SECONDS, TOLERANCES
 from solvers.hht.verify.measure import FLOOR, guesses, known_motion, solved, typical_sizes, violations, weighted_error

@@ -16,7 +16,8 @@ from hhtbench.advice.features import probe
 from hhtbench.campaign.reference.plan import registered_plans, validated_spec
 from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.protocol.evidence import Evidence, Row
-from hhtbench.protocol.system import Problem, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import declared
 from hhtbench.solution.result import Solution
 from solvers.hht.verify.measure import Case, known_motion
 from solvers.hht.verify.study import ALPHAS, NAMES, Method, Progress, Study, below_row, judged_row, shown_row, verify

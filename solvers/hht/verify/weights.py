@@ -16,7 +16,8 @@ from hhtbench.conformance.scenes.linkages import DoublePendulum
 from hhtbench.conformance.scenes.pendulum import GRAVITY
 from hhtbench.protocol.arguments import Vector
 from hhtbench.protocol.evidence import Evidence, Row
-from hhtbench.protocol.system import Motion, declared
+from hhtbench.protocol.problem import Motion
+from hhtbench.protocol.system import declared
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Status
 from solvers.hht.solver import HHT

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from problems import andrews, jay_negrut_pendulum
 from solvers.hht import HHT
 

@@ -23,7 +23,8 @@ from hhtbench.campaign.reference.plan import registered_plans, validated_spec
 from hhtbench.campaign.run import request_of, without_output
 from hhtbench.campaign.store import RunRow, Store
 from hhtbench.catalogue.registry import list_problems
-from hhtbench.protocol.system import Problem, declared
+from hhtbench.protocol.problem import Problem
+from hhtbench.protocol.system import declared
 from tests.performance.engine.clock import BROKEN, HOLDS, UNDECIDED, compare
 
 TARGETS = (1e-2, 1e-3, 1e-4)  # achieved scaled errors

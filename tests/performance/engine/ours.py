@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.result import Solution
 from solvers.hht import HHT
 

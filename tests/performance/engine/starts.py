@@ -15,7 +15,7 @@ import numpy as np
 from scipy import integrate
 
 import hhtbench as hb
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from hhtbench.solution.request import make_request
 from solvers.explicit.steps import NOTHING, CompiledSteps
 from solvers.hht import HHT

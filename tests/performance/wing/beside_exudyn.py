@@ -17,7 +17,7 @@ import numpy as np
 from tabulate import tabulate
 
 from hhtbench.campaign.accuracy import compare as compared
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 from problems import bushing_chain, cable_pendulum, spinup_beam
 from solvers.hht import HHT
 from tests.performance.engine.clock import compare, once

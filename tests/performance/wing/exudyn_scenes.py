@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from hhtbench.protocol.arguments import Matrix, Vector
-from hhtbench.protocol.system import Problem
+from hhtbench.protocol.problem import Problem
 
 try:
     sys.exudynFast = True  # type: ignore[attr-defined]  # read when Exudyn is imported for the first time
