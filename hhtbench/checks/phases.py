@@ -28,5 +28,5 @@ def phases_of(problem: Problem, solution: Solution) -> list[tuple[Problem, Solut
         parts: dict[str, Any] = {name: getattr(solution, name)[phase.rows] for name in ("t", "q", "v", "lam", "mu")}
         structure = derive(one.system, phase.t, phase.q, phase.v).structure
         parts |= {"lam": parts["lam"][:, : structure.m], "mu": parts["mu"][:, : structure.p]}
-        found.append((one, solution.but(**parts, phases=(), ends=None, carried=None)))
+        found.append((one, solution.but(**parts, phases=(), ends=None, carried=None, interpolant=None)))
     return found

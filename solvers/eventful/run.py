@@ -22,6 +22,7 @@ from hhtbench.solution.result import Counters, Solution, Status
 from solvers._initcond import consistent_start, project
 from solvers._start import Failure, PhasePoint, budget_failure
 from solvers.eventful.changes import MAX_CHANGES_AT_ONCE, PILED_UP, Changes
+from solvers.eventful.dense import Joined
 from solvers.eventful.impacts import impact_of
 from solvers.eventful.locate import located
 from solvers.eventful.phase import PhaseFunctions
@@ -43,6 +44,8 @@ class Run:
         self.solver, self.problem, self.request, self.events = solver, problem, request, events
         t, self.end = problem.t_span
         self.ahead, self.length = float(np.sign(self.end - t)), FIRST * abs(self.end - t)
+        self.h = None if not request.fixed else request.step or abs(self.end - t) / request.steps
+        self.dense: list[tuple[float, Any, Vector]] = []  #: of each run, if asked for: its start, interpolant and step ends
         self.work, self.spent, self.output = Work(clock=clock), list[Counters](), list[Counters]()
         self.rows = Rows(problem.q0.size)
         self.pieces: list[tuple[int, PhaseFunctions, Point, float]] = []  #: motions without changes: phase, start, end [s]
@@ -81,6 +84,7 @@ class Run:
             v_events=tuple(np.array([o.v for o in each]).reshape(-1, n) for each in self.occurrences),
             phases=self.rows.phases(self.begun) if len(self.begun) > 1 else (),
             impacts=tuple(self.impacts),
+            interpolant=self._interpolant(),
         )
 
     def _advance(self) -> Failure | None:
@@ -90,7 +94,8 @@ class Run:
         if due := [i for i in self.samples if abs(self._sample_time(i) - t) <= _resolved(t)]:
             return self._sampled(due)
         whole = abs(self.end - t) <= LONGER * self.length
-        stops = [self.end if whole else t + self.ahead * self.length, *map(self._sample_time, self.samples)]
+        length = self.length if self.h is None else self.h * max(1.0, self.length // self.h)
+        stops = [self.end if whole else t + self.ahead * length, *map(self._sample_time, self.samples)]
         part = self._solve(self.phase, self.point, min(stops) if self.ahead > 0 else max(stops))
         if not part.t.size:
             begun = f"after event {self.begun[-1][1]!r} at t = {exact(t)}: " if self.begun[-1][2] is self.point else ""
@@ -269,7 +274,8 @@ class Run:
     ) -> Solution:
         """The solver without events from ``start`` to ``end`` [s], with what is left of the budgets."""
         spent = self.spent if spent is None else spent
-        asked = self.request.but(**({"t_eval": None} | request))
+        fixed = {} if self.h is None else {"step": self.h, "steps": None}
+        asked = self.request.but(**({"t_eval": None} | fixed | request))
         for budget, counter in (("max_num_steps", "steps_accepted"), ("max_evaluations", "residual_evaluations")):
             if (most := getattr(asked, budget)) is not None:
                 left = most - sum(getattr(one, counter) or 0 for one in self.spent)
@@ -299,6 +305,15 @@ class Run:
     def _keep(self, part: Solution, end: int) -> None:
         """Keep the rows of ``part`` before row ``end``; the first one only if the motion begins there."""
         self.rows.keep(len(self.begun) - 1, part, slice(0 if self.fresh else 1, end))
+        if self.request.dense_output:
+            self.dense.append((float(part.t[0]), part.interpolant, part.t[:end]))
+
+    def _interpolant(self) -> Joined | None:
+        """Dense output, if it was asked for."""
+        if not self.dense:
+            return None
+        starts, outputs, t = zip(*self.dense, strict=True)
+        return Joined(np.array(starts), outputs, np.concatenate(t))
 
     def _rows_at(self, times: Vector) -> Rows:
         """Rows at ``times`` (k,): each motion between changes is solved again with them."""

@@ -19,7 +19,7 @@ class WithEvents:
 
     The solver runs as without events, at its own tolerance.  A quintic between the ends of its steps shows where an event
     function changes its sign; the solver then goes from the start of that step to the event, so that its own error is in
-    the event's time.  After a change of state it starts again.
+    the event's time.  After a change of state it starts again; constant steps then count from there.
     """
 
     solver: Any
@@ -47,10 +47,8 @@ class WithEvents:
             return f"{what}: during must be the problem's own system object, or one that another event begins by then"
         if problem.t_span[1] < problem.t_span[0] and any(event.restitution is not None for event in self.events):
             return "an event with a restitution has no motion backward in time; give its inverse as a change"
-        if request.fixed:
-            return f"{self.name} takes these events with tolerances only: give rtol instead of steps"
-        if request.dense_output:
-            return f"{self.name} has no dense output with these events: give t_eval"
+        if request.fixed and not isinstance(request.steps, int | None):
+            return f"{self.name} takes these events with tolerances or constant steps: give rtol, step, or steps=N"
         reason: str | None = self.solver.accepts(problem, request)
         return reason
 

@@ -1,0 +1,30 @@
+"""Dense output over the runs of a solver between events."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhtbench.protocol.arguments import Vector
+from hhtbench.solution.result import DenseOutput
+
+
+@dataclass(frozen=True)
+class Joined:
+    """Interpolants of runs that follow one another; at the time of a change the state after it."""
+
+    starts: Vector  #: (k,) times [s] at which the runs begin
+    outputs: tuple[Callable[[Any], DenseOutput], ...]  #: (k,)
+    t: Vector  #: times [s] of all accepted steps
+
+    def __call__(self, t: Any) -> DenseOutput:
+        """State at ``t``: scalar -> (n,) arrays, (k,) -> (k, n) arrays."""
+        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        ahead = 1.0 if self.t[-1] >= self.t[0] else -1.0
+        which = np.clip(np.searchsorted(ahead * self.starts, ahead * times, side="right") - 1, 0, None)
+        rows = [self.outputs[i](float(at)) for i, at in zip(which, times, strict=True)]
+        found = DenseOutput(np.array([row.q for row in rows]), np.array([row.v for row in rows]))
+        return DenseOutput(found.q[0], found.v[0]) if np.ndim(t) == 0 else found
