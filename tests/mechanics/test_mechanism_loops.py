@@ -12,6 +12,7 @@ import hhtbench as hb
 from hhtbench.mechanics import Mechanism
 from hhtbench.protocol.errors import ProblemError
 from problems import bricard, flyball_governor, heavy_top, rolling_disk3d_steady
+from tests.sample import slow
 
 X, Y, Z = np.eye(3)
 G = np.array([0.0, -9.81, 0.0])
@@ -84,7 +85,11 @@ def solved(make, solver, share, steps=None):
 
 
 @pytest.mark.parametrize(
-    "make", [bricard.mechanism, heavy_top.mechanism, rolling_disk3d_steady.mechanism, parallelogram, door, spatial_crank]
+    "make",
+    [
+        *(parallelogram, spatial_crank, slow(door)),
+        *(slow(x.mechanism) for x in (bricard, heavy_top, rolling_disk3d_steady)),
+    ],
 )
 def test_forces_and_moments_on_every_body_balance(make):
     """Newton and Euler: ``m a`` and ``d(J w)/dt`` against weight and the joints' readings, below 1e-10 of the largest."""
@@ -139,12 +144,12 @@ def test_joints_that_share_a_load_are_named():
 
 @pytest.mark.parametrize("make", [spatial_crank, four_bar])
 def test_rough_poses_come_together_on_the_same_branch(make):
-    """100 poses off by up to 0.25 m or in each coordinate: at least 95 assemble, and none of them on another branch."""
+    """40 poses off by up to 0.25 m or in each coordinate: at least 38 assemble, and none of them on another branch."""
     random, right = np.random.default_rng(11), 0
     m = make()
     m.assemble()
     drawn = {name: (body.x, body.R, body.angle) for name, body in m.bodies.items()}
-    for _ in range(100):
+    for _ in range(40):
         for name, (x, R, angle) in drawn.items():
             body, off = m.bodies[name], random.uniform(-0.25, 0.25, 7)
             body.x = x + off[: m.dimension]
@@ -163,7 +168,7 @@ def test_rough_poses_come_together_on_the_same_branch(make):
             if make is four_bar or name == "slider":
                 np.testing.assert_allclose(m.bodies[name].x, x, atol=1e-7)
                 np.testing.assert_allclose(m.bodies[name].R, R, atol=1e-7)
-    assert right >= 95
+    assert right >= 38
 
 
 def test_start_has_the_rates_asked_for_and_open_loops_are_named():
@@ -192,7 +197,7 @@ def shown(m, body):
     return np.arctan2(m.bodies[body].R[1, 0], m.bodies[body].R[0, 0])
 
 
-@pytest.mark.parametrize("angle", [1.0, 3.0, 4.0, -7.5])
+@pytest.mark.parametrize("angle", [4.0, -7.5])
 def test_motor_begins_at_its_own_angle_however_far(angle):
     m = cranks(1)
     m.motor("drive", "A", lambda t: angle + t)
@@ -224,7 +229,7 @@ def test_rates_are_those_asked_for_at_any_angle():
     assert abs(shown(m, "crank 0") - 2.0) < 1e-10
 
 
-@pytest.mark.parametrize("teeth", [(160, 80), (17, 43), (-20, 60)])
+@pytest.mark.parametrize("teeth", [(17, 43), (-20, 60)])
 def test_gears_keep_their_teeth_from_rough_poses(teeth):
     random, m = np.random.default_rng(3), cranks(2)
     m.gear("gear", "A", "B", teeth)
