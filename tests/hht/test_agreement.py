@@ -93,7 +93,7 @@ def test_every_problem_moves_the_same_with_constant_steps_and_under_error_contro
     ids=str,
 )
 def test_every_method_moves_the_same(name, options):
-    """Each of the problems with every fourth of the methods, in `make test-slow` every second, and extrapolated multipliers."""
+    """Each of the problems with every fourth of the methods (slow: every second), and extrapolated multipliers."""
     problem = hb.load_problem(name)
     t0, t1 = problem.t_span
     lengths = 1e-4 * (t1 - t0) * np.resize([1.0, 1.0, 0.5, 1.4, 1.4, 1.4], STEPS)
