@@ -9,6 +9,7 @@ import pytest
 import hhtbench as hb
 from hhtbench.mechanics import Mechanism, space, tyres
 from tests.lowering.xla import values
+from tests.sample import slow
 
 K, RADIUS, MASS = 2e5, 0.3, 20.0
 X, Y, Z = np.eye(3)
@@ -40,7 +41,7 @@ def test_standing_wheel_sinks_by_its_weight_over_the_stiffness(plane):
     np.testing.assert_allclose(m.of(found, "tyre").measure(), -SINKAGE, rtol=1e-5)
 
 
-@pytest.mark.parametrize("plane", [True, False])
+@pytest.mark.parametrize("plane", [True, slow(False)])
 def test_spinning_wheel_begins_to_roll_with_its_moment_of_momentum_about_the_road(plane):
     turned = np.asarray(space.rotation(jnp.array([0.5, 0.1, -0.7, 0.5])))
     m, side = wheel(plane, rate=30.0, R=None if plane else turned)
