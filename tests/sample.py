@@ -8,4 +8,11 @@ SAMPLE = (  # each kind of constraint, mass and reaction, bodies in space, a sti
     *("andrews", "fput_chain", "heavy_top", "jay_negrut_test1", "kapitza_pendulum", "knife_edge", "redundant_pendulum"),
     *("rolling_sphere_table", "simple_pendulum", "slider_crank_equal_lengths", "stiff_spring_pendulum"),
 )
-LIBRARY = [pytest.param(name, marks=() if name in SAMPLE else pytest.mark.long) for name in list_problems()]
+
+
+def slow(*values):
+    """Parameters of a case that `make test-slow` takes alone."""
+    return pytest.param(*values, marks=pytest.mark.long)
+
+
+LIBRARY = [name if name in SAMPLE else slow(name) for name in list_problems()]

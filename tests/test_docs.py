@@ -19,6 +19,7 @@ import hhtbench as hb
 from hhtbench.campaign import analysis
 from hhtbench.cli.main import main
 from tests.eventful.test_switches import stick_slip
+from tests.sample import slow
 
 mpl.use("agg")
 DOCS = Path(__file__).parent.parent / "docs"
@@ -26,6 +27,9 @@ PAGES = sorted(DOCS.glob("*.md"))
 COMMANDS = sorted(
     {line for file in PAGES for line in re.findall(r"^hhtbench .*$", file.read_text(encoding="utf-8"), re.MULTILINE)}
 )
+
+SCRIPTS = sorted(file.name for file in (DOCS / "gallery").glob("plot_*.py"))
+LONG = ("plot_06_chain.py", "plot_08_redundant.py", "plot_09_compare.py")  # 4 to 5 s each
 
 
 def run_page(name):
@@ -194,7 +198,7 @@ def test_the_pages_on_the_integrator_and_on_notebooks_run(capsys):
     assert "lam[0]" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("script", sorted(file.name for file in (DOCS / "gallery").glob("plot_*.py")))
+@pytest.mark.parametrize("script", [slow(x) if x in LONG else x for x in SCRIPTS])
 def test_every_script_of_the_gallery_draws_a_finite_picture(script, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     plt.close("all")

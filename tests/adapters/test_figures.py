@@ -10,6 +10,7 @@ from hhtbench.lowering import ConstraintLevels, derive
 from hhtbench.solution.request import Request
 from solvers import diffrax_ode, ida
 from tests.adapters.scenes import HOST
+from tests.sample import slow
 
 TIGHT = 1e-9
 APART = {  # three times the largest distance between two solvers at rtol 1e-9, in units of the problem's scales
@@ -43,12 +44,12 @@ def trajectories(scene, solvers, times):
 SAMPLE = ("andrews", "knife_edge", "rolling_disk3d_steady")  # constraints of the position, of the velocity, and of both
 
 
-@pytest.mark.parametrize("name", [pytest.param(x, marks=() if x in SAMPLE else pytest.mark.long) for x in APART])
+@pytest.mark.parametrize("name", [x if x in ("andrews", "knife_edge") else slow(x) for x in APART])
 def test_every_form_and_solver_agrees_with_every_other_within_their_errors(name):
     """Pair by pair over the trajectory, and with the closed solution where there is one."""
     scene = registered(name)
     times = np.linspace(*scene.t_span, INSTANTS + 1)[1:]
-    solvers = [*HOST, *((diffrax_ode.solver(method="Tsit5"),) if name == "andrews" else ())]
+    solvers = [*HOST, *((diffrax_ode.solver(method="Tsit5"),) if name == "knife_edge" else ())]
     found, used = trajectories(scene, solvers, times)
     assert len(used) >= 2
     if scene.exact is not None:

@@ -12,6 +12,7 @@ from tests.test_docs import run_page
 MECHANISMS = Path(__file__).parent / "mechanisms.py"
 
 
+@pytest.mark.long  # README trades, too
 def test_the_page_trades_and_selects(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     scope = run_page("advice.md")

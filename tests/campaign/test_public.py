@@ -16,7 +16,7 @@ def runs(outside):
     return hb.run("fall", "told", **ASKED)
 
 
-def test_there_is_a_row_for_every_solve_with_its_error(runs):
+def test_there_is_a_row_for_every_solve_with_its_error_as_a_list_a_file_and_a_frame(runs, tmp_path):
     table = runs.table()
     assert [(row["problem"], row["solver"], row["setting"], row["value"]) for row in table] == [
         ("fall", "told", "rtol", 1e-2),
@@ -24,18 +24,12 @@ def test_there_is_a_row_for_every_solve_with_its_error(runs):
     ]
     assert [row["error"] for row in table] == pytest.approx([1e-2, 1e-4])  # what the solver adds to the exact motion
     assert [row.key for row in runs.rows] == list(dict.fromkeys(row.key for row in runs.rows))
-
-
-def test_a_csv_file_holds_the_table(runs, tmp_path):
     file = tmp_path / "runs.csv"
     runs.to_csv(file)
     with file.open(newline="") as stream:
         read = list(csv.DictReader(stream))
     assert [float(row["error"]) for row in read] == [row["error"] for row in runs.table()]
     assert list(read[0]) == list(runs.table()[0])
-
-
-def test_a_data_frame_holds_the_table(runs):
     frame = runs.to_pandas()
     assert list(frame) == list(runs.table()[0])
     assert frame["error"].tolist() == [row["error"] for row in runs.table()]

@@ -32,6 +32,7 @@ from tests.conformance.synthetic import (
     Still,
     Straight,
 )
+from tests.sample import slow
 
 
 def of(name):
@@ -134,7 +135,7 @@ HELD = (
 )
 
 
-@pytest.mark.parametrize("axis", HELD)
+@pytest.mark.parametrize("axis", [slow(x) if x in ("quaternions", "friction") else x for x in HELD])
 def test_a_solver_that_ignores_constraints_is_nowhere_right(axis):
     assert is_found(axis, Ignoring())
 
@@ -183,7 +184,7 @@ def test_extrapolated_multipliers_pass_over_a_vibration_that_the_tension_carries
     assert not cells[0].is_about("rattle")
 
 
-@pytest.mark.parametrize("axis", ["stiffness", "rank", "friction", "span", "jump", "dead_points", "quaternions"])
+@pytest.mark.parametrize("axis", ["stiffness", "rank", "friction", "span", "jump", "dead_points", slow("quaternions")])
 def test_the_closed_solution_is_right_everywhere(axis):
     kinds = kinds_of(axis, Exact(), lambda cell: not (axis == "dead_points" and "slider" not in cell.line))
     assert kinds and set(kinds) == {Kind.right}

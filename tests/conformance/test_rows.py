@@ -26,7 +26,14 @@ CHEAP = {  # rows that plain Python measures in less than half a second each
 }
 BY_DEADLINES = {("J2", "ida"), ("P1", "ida")}  # the machine decides
 # Seconds each, and held beside them: NaN by tests/hht/test_callbacks.py, the orders and what IDA does by claims.
-SECONDS = {("C2", "hht"), ("M7", "hht"), *((x, "ida") for x in ("C2", "J1", "P7", "R5", "R6", "S6"))}
+SECONDS = {
+    ("C2", "hht"),
+    ("M7", "hht"),
+    ("M3", "hht"),
+    ("P12", "hht"),
+    ("P12", "ida"),
+    *((x, "ida") for x in ("C2", "J1", "P7", "R5", "R6", "S6")),
+}
 
 
 def parameters():

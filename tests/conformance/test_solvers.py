@@ -8,7 +8,12 @@ from hhtbench.conformance import check_names, check_solver
 from tests.conformance.claims import CLAIMS, claims_of
 
 SLOW = ("diffrax", "collocation")  # `python -m tests.faults --sound` holds them to the checks
-ALIKE = ("rattle", "generalised_alpha(form=index3)", "hht_i3")  # HHT's loop: two scenes; `make test-slow` has all
+ALIKE = (
+    "rattle",
+    "generalised_alpha",
+    "generalised_alpha(form=index3)",
+    "hht_i3",
+)  # HHT's loop: two scenes; `make test-slow` has all
 
 
 def parameters(*solvers):

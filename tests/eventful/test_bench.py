@@ -28,21 +28,21 @@ def test_a_campaign_certifies_scenes_with_events_and_measures_their_errors(tmp_p
     from click.testing import CliRunner
 
     monkeypatch.chdir(tmp_path)
-    problems = [option for name in ("belt", "crane") for option in ("--problems", f"{SCENES}:{name}")]
+    problems = ["--problems", f"{SCENES}:belt"]
     solvers = ["--solvers", "ida", "--solvers", "cvode", "--rtol", "1e-6"]
     options = [*problems, *solvers, "--reference", "auto", "--jobs", "1", "--no-timing", "--store", "runs.db"]
     result = CliRunner().invoke(main, ["run", *options])
     assert result.exit_code == 0, result.output
-    assert result.output.count(": certified") == 2
+    assert result.output.count(": certified") == 1
     rows = load_rows(tmp_path / "runs.db")
-    assert [row.status for row in rows] == ["success"] * 4
+    assert [row.status for row in rows] == ["success"] * 2
     errors = [row.metrics["errors"]["q"]["max_scaled"] for row in rows]
     assert max(errors) < 1e-3
     assert {row.metrics["errors"]["against"] for row in rows} == {"reference"}
 
 
 def test_solvers_of_all_families_agree_on_a_scene_with_events():
-    solvers = ["ida", "cvode", "scipy(method=Radau)", "projected", "diffrax(method=Dopri8)"]
+    solvers = ["ida", "cvode", "projected"]
     assert_solvers_agree(belt(), solvers, rtol=1e-9, factor=300)  # of sizes of 0.06 m: atol is that of 1 m, CVODE 14 of them
 
 

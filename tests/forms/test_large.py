@@ -23,6 +23,7 @@ from solvers.forms.underlying import rhs_function, rhs_jacobian_function
 from solvers.kernel import kkt
 from tests.forms.scenes import C, moment_of
 from tests.lowering.systems import Pendulum
+from tests.sample import slow
 
 ROUNDOFF = 1e-12
 CONSTRAINED = ("bead_chain", "four_bars", "planar_chain", "rolling_disk_incline")
@@ -126,7 +127,9 @@ RUNS = [(name, solver) for name in ("planar_chain", "oscillator_chain") for solv
 OTHERS = ("ida(form=ggl)", "scipy(method=DOP853)", "diffrax(method=Kvaerno5)")
 
 
-@pytest.mark.parametrize(("name", "solver"), [*RUNS, *(("planar_chain", solver) for solver in OTHERS)])
+@pytest.mark.parametrize(
+    ("name", "solver"), [*RUNS, *(("planar_chain", x) if "Kvaerno5" not in x else slow("planar_chain", x) for x in OTHERS)]
+)
 def test_a_library_with_sparse_functions_goes_the_way_it_goes_with_full_ones(name, solver, monkeypatch):
     """The same steps but for roundoff, which the chain magnifies, with sparse matrices where it takes them."""
     problem = hhtbench.load_problem(name)

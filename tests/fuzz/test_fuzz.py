@@ -5,7 +5,7 @@ import pytest
 from tests.fuzz.explore import explore
 from tests.fuzz.liars import LIARS
 
-CASES = {"steps": 20, "control": 12, "machine": 10, "hostile": 24}
+CASES = {"steps": 10, "control": 6, "machine": 5, "hostile": 10}
 SEED = 20_260
 LIES = 60  # cases within which one is found
 

@@ -13,6 +13,7 @@ from solvers.hht.control.controller import ControlOptions
 from solvers.hht.control.tolerances import make_tolerances
 from solvers.hht.equations.formulas import growth
 from tests.hht.scenes import JAX_PENDULUM, Q0, V0, pendulum_at
+from tests.sample import slow
 
 # --- what is asked for comes
 
@@ -32,7 +33,7 @@ def local_solution(problem, state, t1, other):
         ("knife_edge", "projected(method=DOP853)"),
         ("rolling_disk3d_steady", "projected(method=DOP853)"),
         ("andrews", "projected(method=DOP853)"),
-        ("flyball_governor", "projected(method=DOP853)"),
+        slow("flyball_governor", "projected(method=DOP853)"),
         ("jay_negrut_test1", "collocation"),  # its reaction is nonlinear in the multipliers
     ],
 )

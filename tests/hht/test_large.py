@@ -15,6 +15,7 @@ from solvers.hht import HHT
 from solvers.hht.run import functions
 from solvers.kernel import kkt
 from tests.hht.scenes import forget_engines
+from tests.sample import slow
 
 CHAIN = "planar_chain(n_links=40)"
 BAR = "clamped_bar_impact(n_elements=250)"  # its mass is sparse, and the inverse of that full
@@ -46,7 +47,7 @@ def bar_moved(tend, **accuracy):
     return hht, hht.solve((0.0, tend), problem.q0, problem.v0, t_eval=[0.0, tend], **accuracy)
 
 
-@pytest.mark.parametrize("accuracy", [{"step": 1e-4}, {"rtol": 1e-3}])
+@pytest.mark.parametrize("accuracy", [slow({"step": 1e-4}), {"rtol": 1e-3}])
 def test_a_bar_moves_the_same_by_the_entries_of_its_mass_and_by_full_matrices(accuracy, monkeypatch):
     hht, sparse = bar_moved(2e-3, **accuracy)
     assert "machine code, band matrix" in hht.engine_used
@@ -105,8 +106,15 @@ def variable_moved(scene, tend, **accuracy):
     return hht, hht.solve((0.0, tend), q0, v0, t_eval=[0.0, tend], **accuracy)
 
 
-@pytest.mark.parametrize(("make", "tend"), [(eccentric, 1e-3), (swelling, 0.1)], ids=["constrained", "free"])
-@pytest.mark.parametrize("accuracy", [{"steps": 5}, {"rtol": 1e-3}])
+@pytest.mark.parametrize(
+    ("make", "tend", "accuracy"),
+    [
+        (eccentric, 1e-3, {"steps": 5}),
+        slow(eccentric, 1e-3, {"rtol": 1e-3}),
+        slow(swelling, 0.1, {"steps": 5}),
+        slow(swelling, 0.1, {"rtol": 1e-3}),
+    ],
+)
 def test_a_large_system_moves_the_same_by_entries_of_a_variable_mass_and_by_full_matrices(make, tend, accuracy, monkeypatch):
     hht, sparse = variable_moved(make(), tend, **accuracy)
     assert "machine code, band matrix" in hht.engine_used

@@ -28,6 +28,7 @@ from solvers.kernel.memory import (
     VALUES,
     view,
 )
+from tests.sample import slow
 
 SAME = 1e-11
 PROBLEMS = {
@@ -63,7 +64,9 @@ def test_every_kind_of_linear_algebra_gives_the_same_steps(name):
         assert difference(runs[kind], runs["dense"]) < SAME, kind
 
 
-@pytest.mark.parametrize("name, kind", [("spinup_beam(n_elements=16)", "band"), ("cable_pendulum(dimension=3)", "dense")])
+@pytest.mark.parametrize(
+    "name, kind", [("spinup_beam(n_elements=16)", "band"), slow("cable_pendulum(dimension=3)", "dense")]
+)
 def test_a_mass_whose_inverse_fills_is_kept_sparse_where_that_costs_less(name, kind):
     problem = load_problem(name)
     hht = stepped(problem, "auto", 1e-3, 20)

@@ -11,6 +11,7 @@ import hhtbench as hb
 from hhtbench.lowering import derive
 from hhtbench.lowering.dynamics.mixed import Predicted, mixed
 from hhtbench.mechanics.forces import force_of, spring_damper
+from tests.sample import slow
 
 K, C, FREE = 300.0, 4.0, 1.0
 Q, V = np.array([0.9, 0.7]), np.array([0.4, -0.2])
@@ -85,8 +86,8 @@ def test_a_beam_turns_by_0_6_rad_a_step():
         ("spinup_beam", 1e-2),
         ("spinup_beam", 1e-3),
         ("flexible_crank", 1e-2),
-        ("cable_pendulum", 1e-2),
-        ("mooring_line", 1e-3),
+        slow("cable_pendulum", 1e-2),
+        slow("mooring_line", 1e-3),
     ],
 )
 def test_beams_and_cables_take_at_most_four_evaluations_a_step(spec, rtol):

@@ -18,6 +18,7 @@ from solvers.hht import HHT
 from solvers.hht.verify.measure import violations
 from solvers.hht.verify.outputs import outputs
 from tests.hht.scenes import GRAVITY, Q0, SYSTEMS, V0
+from tests.sample import slow
 
 TIMES = np.linspace(0.0, 0.8, 38)
 FEW = TIMES[::4]
@@ -100,7 +101,7 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize("scene", SCENES)
+@pytest.mark.parametrize("scene", [slow(x) if x in ("large", "middle size") else x for x in SCENES])
 def test_rows_hold_both_levels_by_every_route(scene):
     problem, times, options = SCENES[scene]
     solution = HHT(problem.system, **options).solve(problem.t_span, problem.q0, problem.v0, steps=20, t_eval=times)

@@ -14,6 +14,7 @@ from solvers.hht.equations.generalised_alpha import GeneralisedAlpha
 from solvers.hht.rivals import GeneralisedAlphaIntegrator, HHTI3Integrator, RattleIntegrator
 from solvers.hht.verify import rivals
 from solvers.hht.verify.rivals import METHODS, SWING
+from tests.sample import slow
 
 SMALL = replace(SWING, counts=(400, 800))
 TOP = replace(rivals.CASES[1], counts=(200, 400))
@@ -31,7 +32,7 @@ def test_orders_and_drift_of_the_verification_hold():
     assert [row.claim for row in rows if row.passed is False] == []
 
 
-@pytest.mark.parametrize("method", OURS)
+@pytest.mark.parametrize("method", [x if x in ("ggl", "hht_i3") else slow(x) for x in OURS])
 def test_a_chain_that_is_too_large_for_straight_lines_is_stepped_with_a_sparse_matrix(method):
     problem, (kind, options) = hb.load_problem("planar_chain(n_links=60)"), METHODS[method]
     integrator = kind(problem.system, **options)

@@ -12,6 +12,7 @@ from hhtbench.solution.result import Status
 from solvers._start import Failure
 from solvers.hht.run.stepper import Accepted, Stepper
 from tests.performance import singular
+from tests.sample import slow
 
 
 @pytest.mark.parametrize("steps", [50, 333, 1000])
@@ -65,8 +66,10 @@ def failing(monkeypatch):
     stop_runs(monkeypatch, FLAT - 1e-4)
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-5, 1e-7])
-@pytest.mark.parametrize("alpha", [0.0, -0.3])
+@pytest.mark.parametrize(
+    ("alpha", "tolerance"),
+    [(0.0, 1e-3), (-0.3, 1e-5), *(slow(*x) for x in ((0.0, 1e-5), (0.0, 1e-7), (-0.3, 1e-3), (-0.3, 1e-7)))],
+)
 def test_a_run_that_fails_beside_a_singular_position_goes_on_across_it(failing, alpha, tolerance):
     solution = hb.HHT(BARS.system, alpha=alpha).solve((0.0, 1.0), BARS.q0, BARS.v0, rtol=tolerance)
     assert singular.kind_of(BARS, solution) == "across", solution.message

@@ -23,7 +23,7 @@ from tests.hht.oracle import (
 )
 from tests.hht.test_crane import Crane
 from tests.problems.mechanics import Mechanics
-from tests.sample import LIBRARY
+from tests.sample import LIBRARY, slow
 
 RTOL = 1e-3
 ROUNDOFF = 1e-12  # of the largest q and v; Newton's iteration ends at 1e-13
@@ -218,7 +218,7 @@ def test_rejected_first_steps_from_rest_are_followed_by_shorter_ones():
 @pytest.mark.parametrize(
     ("name", "request_", "options"),
     [
-        ("flyball_governor", {"rtol": 0.1}, {}),
+        slow("flyball_governor", {"rtol": 0.1}, {}),
         *(("simple_pendulum", {"rtol": 1e-3, "atol": 10.0}, options) for options in ({}, {"b": 1.0}, {"alpha": -0.3})),
         ("simple_pendulum", {"atol": 1e4}, {"alpha": -0.3}),
     ],

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from hhtbench.mechanics import cables, forces
 from tests.lowering.xla import values
+from tests.sample import slow
 
 both = pytest.mark.parametrize("d", [2, 3])
 LENGTH, MASS = 0.3, 1.7  # of an element [m], of a metre [kg]
@@ -137,7 +138,7 @@ MODES = {  # stretch, clamped nodal values, axis, EA, EI, exact
 }
 
 
-@pytest.mark.parametrize(("kind", "d"), [("cantilever", 2), ("cantilever", 3), ("string", 3), ("bar", 2)])
+@pytest.mark.parametrize(("kind", "d"), [slow("cantilever", 2), ("cantilever", 3), ("string", 3), ("bar", 2)])
 def test_frequencies_of_cantilever_string_and_bar_converge_with_order_four(kind, d):
     """Closed: Euler's cantilever; a string of tension N and mass per stretched length; a bar fixed at one end."""
     stretch, held, axis, EA, EI, exact = MODES[kind]
@@ -163,7 +164,7 @@ def catenary(n, EA, H=2.0, V=-3.0, weight=5.0):
     return np.stack([np.stack([x, y], axis=1), slope], axis=1), weight
 
 
-@pytest.mark.parametrize(("EA", "d"), [(50.0, 3), (1e6, 2)])
+@pytest.mark.parametrize(("EA", "d"), [(50.0, 3), slow(1e6, 2)])
 def test_a_hanging_cable_takes_the_form_of_the_elastic_catenary_with_order_four(EA, d):
     errors = []
     for n in (8, 16):

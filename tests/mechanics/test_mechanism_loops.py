@@ -12,6 +12,7 @@ import hhtbench as hb
 from hhtbench.mechanics import Mechanism
 from hhtbench.protocol.errors import ProblemError
 from problems import bricard, flyball_governor, heavy_top, rolling_disk3d_steady
+from tests.sample import slow
 
 X, Y, Z = np.eye(3)
 G = np.array([0.0, -9.81, 0.0])
@@ -84,7 +85,11 @@ def solved(make, solver, share, steps=None):
 
 
 @pytest.mark.parametrize(
-    "make", [bricard.mechanism, heavy_top.mechanism, rolling_disk3d_steady.mechanism, parallelogram, door, spatial_crank]
+    "make",
+    [
+        *(parallelogram, spatial_crank, slow(door)),
+        *(slow(x.mechanism) for x in (bricard, heavy_top, rolling_disk3d_steady)),
+    ],
 )
 def test_forces_and_moments_on_every_body_balance(make):
     """Newton and Euler: ``m a`` and ``d(J w)/dt`` against weight and the joints' readings, below 1e-10 of the largest."""
@@ -139,12 +144,12 @@ def test_joints_that_share_a_load_are_named():
 
 @pytest.mark.parametrize("make", [spatial_crank, four_bar])
 def test_rough_poses_come_together_on_the_same_branch(make):
-    """100 poses off by up to 0.25 m or in each coordinate: at least 95 assemble, and none of them on another branch."""
+    """40 poses off by up to 0.25 m or in each coordinate: at least 38 assemble, and none of them on another branch."""
     random, right = np.random.default_rng(11), 0
     m = make()
     m.assemble()
     drawn = {name: (body.x, body.R, body.angle) for name, body in m.bodies.items()}
-    for _ in range(100):
+    for _ in range(40):
         for name, (x, R, angle) in drawn.items():
             body, off = m.bodies[name], random.uniform(-0.25, 0.25, 7)
             body.x = x + off[: m.dimension]
@@ -163,13 +168,13 @@ def test_rough_poses_come_together_on_the_same_branch(make):
             if make is four_bar or name == "slider":
                 np.testing.assert_allclose(m.bodies[name].x, x, atol=1e-7)
                 np.testing.assert_allclose(m.bodies[name].R, R, atol=1e-7)
-    assert right >= 95
+    assert right >= 38
 
 
 def test_start_has_the_rates_asked_for_and_open_loops_are_named():
     m = four_bar()
     m.assemble({"A": 0.3}, rates={"A": 2.0})
-    solution = hb.solve(m.problem((0, 0.01)), steps=1)
+    solution = hb.solve(m.problem((0, 0.01)), "projected", rtol=1e-6)
     np.testing.assert_allclose([m.of(solution, "A").angle()[0], m.of(solution, "A").rate()[0]], [0.3, 2.0], atol=1e-10)
     before = m.bodies["coupler"].x
     m.distance("too far", "ground", "coupler", (9, 9), m.bodies["coupler"].x, length=0.1)
@@ -192,7 +197,7 @@ def shown(m, body):
     return np.arctan2(m.bodies[body].R[1, 0], m.bodies[body].R[0, 0])
 
 
-@pytest.mark.parametrize("angle", [1.0, 3.0, 4.0, -7.5])
+@pytest.mark.parametrize("angle", [4.0, -7.5])
 def test_motor_begins_at_its_own_angle_however_far(angle):
     m = cranks(1)
     m.motor("drive", "A", lambda t: angle + t)
@@ -202,7 +207,7 @@ def test_motor_begins_at_its_own_angle_however_far(angle):
     m.assemble()
     assert abs(np.exp(1j * shown(m, "crank 0")) - np.exp(1j * angle)) < 1e-8
     np.testing.assert_allclose(m.bodies["crank 0"].rate, Z, atol=1e-12)
-    solution = hb.solve(m.problem((0, 0.01)), "hht", steps=2)
+    solution = hb.solve(m.problem((0, 0.01)), "projected", rtol=1e-8)
     np.testing.assert_allclose(m.of(solution, "A").angle()[[0, -1]], [angle, angle + 0.01], atol=1e-8)
 
 
@@ -224,7 +229,7 @@ def test_rates_are_those_asked_for_at_any_angle():
     assert abs(shown(m, "crank 0") - 2.0) < 1e-10
 
 
-@pytest.mark.parametrize("teeth", [(160, 80), (17, 43), (-20, 60)])
+@pytest.mark.parametrize("teeth", [(17, 43), (-20, 60)])
 def test_gears_keep_their_teeth_from_rough_poses(teeth):
     random, m = np.random.default_rng(3), cranks(2)
     m.gear("gear", "A", "B", teeth)
@@ -266,7 +271,7 @@ def test_two_motors_of_one_speed_share_their_load_evenly():
 
 def test_solution_of_a_mechanism_that_was_extended_is_not_read():
     m = cranks(1)
-    solution = hb.solve(m.problem((0, 0.01)), "hht", steps=1)
+    solution = hb.solve(m.problem((0, 0.01)), "projected", rtol=1e-6)
     m.of(solution, "A").force()
     m.body("more", 1.0, (1, 1, 1))
     with pytest.raises(ProblemError, match="other bodies or joints than the solution"):

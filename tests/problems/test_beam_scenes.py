@@ -9,6 +9,7 @@ from scipy.linalg import eigh
 from hhtbench import solve
 from hhtbench.mechanics import space
 from tests.problems.mechanics import compiled, consistent_state
+from tests.sample import slow
 
 STRETCH = np.tan(10 * (a := np.sqrt(1.2 * 6**2 / 2.8e7))) / a - 10  # of a bar that turns at 6 rad/s [m]
 
@@ -40,7 +41,7 @@ def turns(n_nodes):
     return np.kron(np.eye(n_nodes), one)
 
 
-@pytest.mark.parametrize("n", [1, 2])
+@pytest.mark.parametrize("n", [slow(1), 2])
 def test_a_small_force_at_the_elbow_bends_the_first_leg_alone(make, n):
     """By ``F L^3 (1/3 - 1/(12 n^2)) / EI + F L / GA`` (cantilever of n elements of one point); the second leg follows."""
     problem = make("right_angle_cantilever", n_elements=n, EI=700.0, GJ=300.0, GA=2e5)

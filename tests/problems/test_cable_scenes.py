@@ -7,9 +7,10 @@ from scipy.linalg import eigh
 from scipy.special import jn_zeros
 
 from tests.problems.mechanics import compiled, consistent_state
+from tests.sample import slow
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, slow(3)])
 def test_a_hanging_cable_that_hardly_resists_bending_swings_like_the_chain_of_bernoulli(make, dimension):
     """Frequencies ``j0_k / 2 sqrt(g / L)``, j0_k the zeros of the Bessel function J0 (Lamb, Hydrodynamics, section 189)."""
     n, EA = 16, 1e6

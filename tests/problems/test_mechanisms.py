@@ -10,6 +10,7 @@ from hhtbench.mechanics.multibody.frames import Space
 from tests.problems.by_hand import SCENES
 from tests.problems.cases import CHANGED, RANKS
 from tests.problems.mechanics import Mechanics, compiled, consistent_state
+from tests.sample import slow
 
 scenes = pytest.mark.parametrize(("name", "parameters"), [(name, x) for name in SCENES for x in ({}, CHANGED[name])])
 
@@ -43,12 +44,12 @@ def test_motion_is_that_of_the_equations_by_hand(make, name):
     np.testing.assert_allclose(found.v[-1] / problem.scales.v, expected.v[-1] / problem.scales.v, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("further", [{}, {"j0": 0.0}])
-@scenes
-def test_forces_of_joints_on_the_bodies_are_read_by_name(make, name, parameters, further):
+@pytest.mark.parametrize(
+    ("name", "further"), [*((x, {}) for x in SCENES), ("rolling_disk3d_steady", {"j0": 0.0}), slow("heavy_top", {"j0": 0.0})]
+)
+def test_forces_of_joints_on_the_bodies_are_read_by_name(make, name, further):
     """Their sums at the rows of a solution of the problem against the equations by hand, to 1e-10 of the largest."""
-    if further and name not in ("heavy_top", "rolling_disk3d_steady"):
-        pytest.skip("it has no j0")
+    parameters = CHANGED[name]
     problem, m = make(name, **parameters, **further), importlib.import_module(f"problems.{name}").mechanism(**parameters)
     solution = hb.solve(
         problem, "projected", rtol=1e-8, t_span=(0.0, 0.01), q0=problem.q0, v0=problem.v0, t_eval=[0.0, 0.01]

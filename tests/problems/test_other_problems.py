@@ -4,11 +4,13 @@ import jax
 import numpy as np
 import pytest
 
+from tests.problems.mechanics import compiled
+
 
 @pytest.mark.parametrize("j0", [0.02, 1.0])
 def test_norm_inertia_changes_the_multiplier_of_the_norm_alone(make, mechanics, j0):
     """j0 acts along the quaternion: accelerations, contact force and friction stay, on a state of general rates."""
-    singular, regular = (mechanics(make("rolling_disk3d_steady", j0=x).system) for x in (0.0, j0))
+    singular, regular = (mechanics(compiled(make("rolling_disk3d_steady", j0=x).system)) for x in (0.0, j0))
     problem = make("rolling_disk3d_steady")
     q = problem.exact(0.7).q
     rows = np.vstack([singular.position_rows(0.0, q), singular.velocity_rows(0.0, q, problem.v0)])

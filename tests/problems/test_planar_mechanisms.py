@@ -9,6 +9,7 @@ import hhtbench as hb
 from tests.problems.cases import CHANGED
 from tests.problems.mechanics import Mechanics, compiled, consistent_state
 from tests.problems.planar_by_hand import SCENES
+from tests.sample import slow
 
 scenes = pytest.mark.parametrize(("name", "parameters"), [(name, x) for name in SCENES for x in ({}, CHANGED[name])])
 
@@ -31,7 +32,7 @@ def test_bodies_move_and_are_held_as_in_equations_by_hand(make, name, parameters
             np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10 * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [x if x == "four_bars" else slow(x) for x in SCENES])
 def test_motion_is_that_of_the_equations_by_hand(make, name):
     """Positions and velocities after 50 steps of HHT over 0.05 s, to 1e-10 of their scales."""
     problem = make(name)
@@ -71,6 +72,7 @@ def test_flats_push_the_cam_by_name_as_is_observed_and_its_motor_gives_the_power
     np.testing.assert_allclose(m.of(solution, "bearing").angle(), 40.0 * solution.t, atol=1e-12)
 
 
+@pytest.mark.long
 def test_the_largest_push_on_the_wheels_by_name_is_the_one_that_is_observed(make):
     problem = make("band_track", n_wrap=3, n_free=1)
     m, solution = mechanism_of("band_track", n_wrap=3, n_free=1), hb.solve(problem, "hht", t_span=(0.0, 0.05), steps=50)

@@ -12,6 +12,7 @@ from hhtbench import Counters, Ends, NumpySystem, Problem, Request, Solution, St
 from hhtbench.checks.result.between import stand_out
 from hhtbench.checks.result.judge import Judgement, judge
 from hhtbench.checks.result.success import too_few
+from tests.sample import slow
 from tests.trust.faulty import MOTIONS, Faulty
 
 PROBLEMS = ("simple_pendulum", "knife_edge", "jay_negrut_test1")
@@ -91,8 +92,8 @@ LATE = {"smooth": lambda t: 20 * np.sin(5 * t) ** 3, "sudden": lambda t: 20.0}
 @pytest.mark.parametrize(
     ("force", "solver", "steps"),
     [
-        *(("smooth", "hht", 100), ("smooth", "generalised_alpha", 397), ("smooth", "rattle", 100)),
-        *(("sudden", "hht", 397), ("sudden", "generalised_alpha", 100), ("sudden", "rattle", 397)),
+        *(("smooth", "hht", 100), slow("smooth", "generalised_alpha", 397), slow("smooth", "rattle", 100)),
+        *(slow("sudden", "hht", 397), ("sudden", "generalised_alpha", 100), ("sudden", "rattle", 397)),
     ],
 )
 def test_constant_steps_may_be_off_where_the_force_begins_later(force: str, solver: str, steps: int):

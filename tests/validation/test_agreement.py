@@ -106,7 +106,7 @@ class Beside(Straight):
 """
 
 
-@pytest.mark.parametrize(("more", "code"), [((), 0), (("liar.py:Straight",), 0), (("liar.py:Beside",), 1)])
+@pytest.mark.parametrize(("more", "code"), [(("liar.py:Straight",), 0), (("liar.py:Beside",), 1)])
 def test_ones_own_problem_without_reference_is_judged_by_agreement(tmp_path, monkeypatch, more, code):
     (tmp_path / "rod.py").write_text(MECHANISM)
     (tmp_path / "liar.py").write_text(LIARS)

@@ -64,7 +64,7 @@ class _Local(NamedTuple):
 
 def _local(system: Any, t: float, q: Any, v: Any) -> Any:
     use_disk_cache()
-    found = _compiled(system, *(jnp.asarray(x, float) for x in (t, q, v)))
+    found = _compiled(system, *(np.asarray(x, float) for x in (t, q, v)))
     return _Local(*(None if one is None else np.asarray(one) for one in found))
 
 

@@ -36,7 +36,7 @@ def _rows(m: Any, joints: Sequence[Joint]) -> tuple[Rows, Any, Any]:
 def moves(m: Any, q: Any, v: Any) -> Any:
     """Angles, in space in (-pi, pi], travels, rates of both (k, j) of all joints at states ``q, v`` (n,) or (k, n)."""
     rows, axis, axis_second = _rows(m, list(m.joints.values()))
-    return _moves(m.frame, rows, axis, axis_second, np.atleast_2d(q), np.atleast_2d(v))
+    return [np.asarray(x) for x in _moves(m.frame, rows, axis, axis_second, np.atleast_2d(q), np.atleast_2d(v))]
 
 
 @eqx.filter_jit

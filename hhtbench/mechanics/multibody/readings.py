@@ -82,15 +82,19 @@ def _cross(lever: Any, force: Any) -> Any:
 
 
 @eqx.filter_jit
-def along(function: str, frame: Any, q: Any, *v: Any) -> Any:
-    """Values (k, ...) of ``function`` of (q, v) at k times."""
+def _along(function: str, frame: Any, q: Any, *v: Any) -> Any:
     return jax.vmap(getattr(frame, function))(q, *v)
+
+
+def along(function: str, frame: Any, q: Any, *v: Any) -> Any:
+    """Values (k, ...) of ``function`` of (q, v) at k times, in NumPy: JAX would compile every index."""
+    return jax.tree.map(np.asarray, _along(function, frame, q, *v))
 
 
 def coordinate_of(m: Any, kind: str, row: Any, q: Any, v: Any) -> tuple[Any, Any]:
     """Coordinate (k,) that ``row`` measures and its rate at states ``q, v`` (k, n)."""
-    value, rate = _coordinate(m.frame, kind, m.arrays([row]), jnp.asarray(q), jnp.asarray(v))
-    return np.asarray(value[:, 0]), np.asarray(rate[:, 0])
+    value, rate = _coordinate(m.frame, kind, m.arrays([row]), np.asarray(q, float), np.asarray(v, float))
+    return np.asarray(value)[:, 0], np.asarray(rate)[:, 0]
 
 
 class Reading:
@@ -113,7 +117,7 @@ class Reading:
             raise ProblemError("the mechanism has other bodies or joints than the solution; read it before they are added.")
         found |= {"t": self.t, "v": solution.v[some][:, :end]}
         self._signals = solution.x[some], solution.u[some]
-        self._state = tuple(jnp.asarray(found[name]) for name in ("t", "q", "v", "lam", "mu"))
+        self._state = tuple(np.asarray(found[name], float) for name in ("t", "q", "v", "lam", "mu"))
 
     def _of_own_phases(self, solution: Any) -> tuple[Any, bool]:
         """Rows of the phases in which the system is this mechanism's; whether the solution has columns of others, too."""
@@ -142,7 +146,7 @@ class Reading:
             return lam, mu
         left, sizes, _ = np.linalg.svd(np.asarray(_jacobians(self._system, t, q, v)), full_matrices=False)
         kept = left * (sizes > RANK * sizes[:, :1])[:, None]
-        both = jnp.einsum("kij,klj,kl->ki", kept, kept, jnp.concatenate([lam, mu], axis=1))
+        both = np.einsum("kij,klj,kl->ki", kept, kept, np.concatenate([lam, mu], axis=1))
         return both[:, : lam.shape[1]], both[:, lam.shape[1] :]
 
     def _all_reactions(self) -> Any:
@@ -159,7 +163,7 @@ class Reading:
             return np.asarray(vector)
         if frame not in self._m.bodies:
             raise ProblemError(f"frame must be 'space' or a body: {', '.join(self._m.bodies)}; got {frame!r}.")
-        return np.asarray(jnp.einsum("kab,ka->kb", self._placed.R[:, self._m.number(frame)], vector))
+        return np.einsum("kab,ka->kb", self._placed.R[:, self._m.number(frame)], vector)
 
 
 class JointReading(Reading):
@@ -288,7 +292,7 @@ class BodyReading(Reading):
     def position(self, local: Any = None) -> Any:
         """Centre of mass (k, d) [m], or the body's point ``local`` (d,) in its frame."""
         centre = self._placed.x[:, self._number]
-        return np.asarray(centre if local is None else centre + self._placed.R[:, self._number] @ jnp.asarray(local))
+        return np.asarray(centre if local is None else centre + self._placed.R[:, self._number] @ np.asarray(local))
 
     def rotation(self) -> Any:
         """Rotation matrices (k, 3, 3); in the plane angles (k,) [rad]."""

@@ -40,7 +40,7 @@ def expect_motors(m: Any, t: float) -> None:
     if not motors:
         return
     use_disk_cache()
-    now = [x[0, [list(m.joints).index(name) for name in motors]] for x in moves(m, *m.start())]  # compiles
+    now = [x[0, [list(m.joints).index(name) for name in motors]] for x in moves(m, *m.start())]
     angle, travel, turning, speed = ([float(x) for x in np.atleast_1d(row)] for row in now)
     for i, (name, joint) in enumerate(motors.items()):
         row = m.rows[joint.rows[0][0]][joint.rows[0][1]]
