@@ -7,7 +7,10 @@ import hhtbench as hb
 from solvers.hht import HHT
 from solvers.hht.run import functions
 from solvers.hht.step.newton import NewtonOptions
-from tests.hht.scenes import forget_engines
+from solvers.hht.step.stopping import corrected, enough, is_roundoff
+from solvers.kernel import memory as mem
+from solvers.kernel.linear.matrix import renew
+from tests.hht.scenes import Q0, V0, Pendulum, forget_engines
 
 LIBRARY = ("andrews", "arevalo_circle", "jay_negrut_test1", "knife_edge", "simple_pendulum", "stiff_spring_pendulum")
 
@@ -54,6 +57,22 @@ def test_iterations_of_large_systems_end_at_the_roundoff_that_is_measured(engine
     counters = HHT(chain.system, rho_inf=0.9, engine=engine).solve((0.0, 1e-3), chain.q0, chain.v0, steps=10).counters
     assert counters.jacobian_evaluations <= 12
     assert counters.newton_iterations <= 28
+
+
+def test_sizes_and_roundoff_of_a_far_iterate_do_not_end_the_iteration_with_the_next_matrix():
+    """With them a governor's step at rtol 0.1 ended at 3e-10 m/s in its velocity rows."""
+    solver = HHT(Pendulum(), engine="python")
+    solver.init_step(0.0, Q0, V0, step=0.01)
+    solver.step()
+    z, counts = solver._engine.loops.z, np.zeros(len(mem.COUNTS), dtype=int)
+    sizes, tolerance = mem.view(z, mem.RECIPROCAL).copy(), enough(z)
+    mem.view(z, mem.X)[:] = 1e9
+    corrected(z, 0, mem.C_RESIDUAL, False, counts)
+    assert not is_roundoff(z, 0, counts)
+    mem.view(z, mem.NOISE)[:] = 1.0
+    renew(z, 0, 0.01, counts)
+    assert enough(z) == tolerance
+    assert np.array_equal(mem.view(z, mem.RECIPROCAL), sizes)
 
 
 MATRIX = 3.0  # residual evaluations that a matrix of the pendulum costs at least, measured

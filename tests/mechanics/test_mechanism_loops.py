@@ -11,7 +11,7 @@ import pytest
 import hhtbench as hb
 from hhtbench.mechanics import Mechanism
 from hhtbench.protocol.errors import ProblemError
-from problems import bricard, flyball_governor, heavy_top, rolling_disk3d_steady
+from problems import bricard, heavy_top, rolling_disk3d_steady
 from tests.sample import slow
 
 X, Y, Z = np.eye(3)
@@ -318,26 +318,3 @@ def test_masses_in_another_unit_are_told_with_both_names():
     m.body("ship", 1e9, (1e9, 1e9, 1e9))
     with pytest.warns(UserWarning, match="'ship' has 1e.09 kg beside 3 kg of 'door'"):
         m.problem((0, 1))
-
-
-def test_flyball_governor_by_names_moves_as_the_one_in_equations():
-    """IFToMM A05 as in problems/flyball_governor.py; both are one system of equations, solved to 1e-10."""
-    written = flyball_governor.problem()
-    K, C, free, ball, _, _, _, turning = flyball_governor.PUBLISHED
-    given = flyball_governor.bodies(ball)
-    m, places = Mechanism(), written.q0.reshape(4, 7)
-    for i, name in enumerate(("shaft", "slider", "arm 1", "arm 2")):
-        x, p = places[i, :3], places[i, 3:]
-        motion = {"rate": turning * Z, "velocity": turning * np.cross(Z, x)}
-        m.body(name, given["m"][i], given["J"][i], at=x, turned=p, **motion)
-    m.revolute("bearing", "ground", "shaft", (0, 0, 0), Z)
-    m.prismatic("sleeve", "shaft", "slider", m.bodies["slider"].x, Z)
-    for arm, side in (("arm 1", 0.05 * X), ("arm 2", -0.05 * X)):
-        m.revolute(f"pin of {arm}", "shaft", arm, side + Z, Y)
-        middle = m.bodies[arm].x + m.bodies[arm].R @ [0.5 - given["centre"], 0, 0]
-        m.spring(f"spring of {arm}", "slider", arm, m.bodies["slider"].x + side, middle, K, C, free=free)
-    ends = [
-        hb.solve(problem, "projected", rtol=1e-10, t_span=(0, 0.05), q0=written.q0, v0=written.v0).q[-1].reshape(4, 7)[:, :3]
-        for problem in (written, m.problem((0, 0.05)))
-    ]
-    np.testing.assert_allclose(ends[1], ends[0], rtol=0, atol=1e-10)

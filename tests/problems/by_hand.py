@@ -1,5 +1,6 @@
 """Scenes of rigid bodies in space in equations written by hand, against which their mechanisms are judged."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -21,6 +22,43 @@ class Bodies(System):
 
     def force(self, t, q, v):
         return space.force_on_bodies(q, v, self.m, self.J, self.g)
+
+
+class Governor(Bodies):
+    """Shaft, slider and two arms of problems/flyball_governor.py."""
+
+    centre: object = parameter(doc="hinge to centre of mass of an arm [m]")
+    K: object = parameter(doc="[N/m]")
+    C: object = parameter(doc="[N s/m]")
+    l0: object = parameter(doc="[m]")
+
+    def lengths(self, q):
+        at, sides = space.placed_with_ground(q), 0.05 * np.stack([X, -X])
+        arms = space.points_on(at, [2, 3], jnp.tile((0.5 - self.centre) * X, (2, 1)))
+        return jnp.linalg.norm(arms - space.points_on(at, [1, 1], sides), axis=1)
+
+    def force(self, t, q, v):
+        length, rate = jax.jvp(self.lengths, (q,), (v,))
+        (along,) = jax.vjp(self.lengths, q)[1](self.K * (length - self.l0) + self.C * rate)
+        return super().force(t, q, v) - along
+
+    def constraint(self, t, q):
+        at = space.placed_with_ground(q)
+        a = np.stack([0 * X, 0.5 * Z + 0.05 * X, 0.5 * Z - 0.05 * X])
+        b = jnp.concatenate([-0.5 * Z[None], jnp.tile(-self.centre * X, (2, 1))])
+        across, axis = np.array([[X, Y], [X, Z], [X, Z]]), np.stack([Z, Y, Y])
+        hinges = space.revolute_rows(at, [4, 0, 0], [0, 2, 3], a, b, across, axis)
+        beside = (at.x[1] - at.x[0]) @ at.R[0][:, :2]
+        frame = (at.R[0].T @ at.R[1])[np.array([0, 0, 1]), np.array([1, 2, 2])]
+        return jnp.concatenate([space.norm_rows(space.split(q)[1]), hinges, beside, frame])
+
+
+def governor(K=8e5, C=4e4, l0=0.5, ball=5.0, g=9.81, **start):
+    rod, slider, centre = 0.3, 3.0, (0.15 + ball) / (0.3 + ball)
+    thin, slender = rod * 1e-4 / 6, rod * (1 + 1e-4) / 12
+    arm = slender + rod * (centre - 0.5) ** 2 + ball * (1 - centre) ** 2
+    J = [[slender, slender, thin], [slider * 0.01 / 6] * 3, [thin, arm, arm], [thin, arm, arm]]
+    return Governor(m=[rod, slider, rod + ball, rod + ball], J=J, g=-g * Z, centre=centre, K=K, C=C, l0=l0)
 
 
 class Loop(Bodies):
@@ -74,4 +112,4 @@ def disk(m=1.0, R=0.5, g=9.81, **start):
     return Disk(m=[m], J=m * R**2 / 4 * np.array([[1.0, 1.0, 2.0]]), g=-g * Z, R=R)
 
 
-SCENES = {"bricard": loop, "heavy_top": top, "rolling_disk3d_steady": disk}
+SCENES = {"flyball_governor": governor, "bricard": loop, "heavy_top": top, "rolling_disk3d_steady": disk}

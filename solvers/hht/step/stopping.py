@@ -150,9 +150,9 @@ def is_roundoff(z: Any, lu: Any, counts: Any) -> Any:
     size_q, size_v = typical_sizes(h, largest(end[:n]), largest(end[n : 2 * n]), largest(end[3 * n : 4 * n]))
     if not math.isfinite(size_q + size_v):
         return False
-    own[0], own[1] = min(own[0], 1.0 / size_q), min(own[1], 1.0 / size_v)
+    of_q, of_v = max(1.0 / own[0], size_q), max(1.0 / own[1], size_v)  # for this test alone: the iterate may be far away
     room = ROUNDOFFS * EPS * max(number[mem.SIZE_Q], size_q) / h
-    if in_q * own[0] <= o[mem.STAGNATION] and in_v <= max(o[mem.STAGNATION] / own[1], room):
+    if in_q <= o[mem.STAGNATION] * of_q and in_v <= max(o[mem.STAGNATION] * of_v, room):
         return True
     noise = part(z, mem.NOISE)
     for draw in range(DRAWS):

@@ -37,7 +37,8 @@ SOLVES_TO_INVERT = 1.5  # solves per unknown after which computing the inverse p
 def renew(z: Any, lu: Any, h: Any, counts: Any) -> Any:
     """Evaluate and factorise the matrix at the iterate into place ``lu``; returns CONVERGED or the reason for failure."""
     counts[mem.JACOBIANS] += 1
-    made = part(z, mem.MADE_AT + lu)
+    made, noise = part(z, mem.MADE_AT + lu), part(z, mem.NOISE)
+    noise[0] = noise[1] = -1.0  # that of increments by the matrix before, perhaps of a place far away
     before = put(made, put(made, 0, part(z, mem.X)), part(z, mem.PREVIOUS))
     put(made, before, view(z.w, z.i[2 * mem.STEP], made.size - before))
     ended = inverse_at(z, lu) if z.i[mem.KIND] == mem.KIND_INVERSE else factorise(z, lu)
