@@ -104,13 +104,13 @@ def _projected(projection: Projection, place: PhasePoint) -> tuple[PhasePoint, s
     from solvers._projection import MAX_ITERATIONS, PROJECTED
 
     t, levels = place.t, projection.levels
-    q = _at_rest(projection.position(t, place.q, place.v), place.q)
+    q = at_rest(projection.position(t, place.q, place.v), float(np.abs(place.q).max(initial=0.0)))
     at = finite_levels(levels, t, q, place.v)
     if at.position.size and not np.max(at.scaled_position(size_of(q))) <= PROJECTED:
         message = f"no consistent position was found near q0: after {MAX_ITERATIONS} steps g = {at.position}"
         return Failure(Status.inconsistent_initial, message)
     v = projection.velocity(t, q, projection.velocity(t, q, place.v))  # twice: the first leaves roundoff of v0
-    v = _at_rest(v, place.v)
+    v = at_rest(v, float(np.abs(place.v).max(initial=0.0)))
     moved = PhasePoint(t, q, v)
     text = violations(finite_levels(levels, t, q, v), moved, PROJECTED)
     if text:
@@ -119,9 +119,9 @@ def _projected(projection: Projection, place: PhasePoint) -> tuple[PhasePoint, s
     return moved, note
 
 
-def _at_rest(x: Vector, before: Vector) -> Vector:
-    """``x`` (n,), or zeros where it is roundoff of ``before``."""
-    return np.zeros_like(x) if np.abs(x).max(initial=0.0) <= AT_REST * np.abs(before).max(initial=0.0) else x
+def at_rest(x: Vector, size: float) -> Vector:
+    """``x`` (n,), or zeros if all of it is roundoff of ``size``."""
+    return np.zeros_like(x) if np.abs(x).max(initial=0.0) <= AT_REST * size else x
 
 
 def check_start(dynamics: Dynamics, levels: ConstraintLevels, place: PhasePoint, guesses: Guesses) -> Failure | None:

@@ -18,7 +18,7 @@ from hhtbench.protocol.printing import exact
 from hhtbench.protocol.problem import Problem
 from hhtbench.solution.counting import Work
 from hhtbench.solution.result import Status
-from solvers._initcond import project
+from solvers._initcond import at_rest, project
 from solvers._start import Failure, PhasePoint, dynamics_for, of_dynamics
 from solvers.eventful.changes import Changes
 from solvers.eventful.steps import Point
@@ -72,18 +72,24 @@ class PhaseFunctions:
         where = f"after event {event.name!r} at t = {exact(place.t)}"
         if not self.dynamics.structure.constrained:
             return self.changes.point(place.t, place.q, place.v, place.size_q, place.size_v)
-        moved = project(self.dynamics, PhasePoint(place.t, place.q, place.v), self.work)
+        moved = self.consistent(place)
         if isinstance(moved, Failure):
             return Failure(moved.status, f"{where} the system that begins holds no state: {moved.message}")
-        q, v = moved[0].q, moved[0].v
-        off = np.abs(q - place.q)
+        off = np.abs(moved.q - place.q)
         allowed = max(NEAR * place.size_q, 2.0 * rtol * max(place.size_q, float(np.max(self.problem.scales.q))))
         if not np.max(off) <= allowed:
             g = of_dynamics(unreduced(self.dynamics)).levels.at(place.t, place.q, place.v).position
             i, row = int(np.argmax(off)), int(np.argmax(np.abs(g)))
             text = f"its constraints do not hold there: g[{row}] = {g[row]:.3g}, and q[{i}] would move by {off[i]:.3g}"
             return Failure(Status.inconsistent_initial, f"{where} {text}; let it happen where they hold, or tighten rtol.")
-        return self.changes.point(place.t, q, v, place.size_q, place.size_v)
+        return self.changes.point(place.t, moved.q, moved.v, place.size_q, place.size_v)
+
+    def consistent(self, state: Point) -> Point | Failure:
+        """The nearest state on the constraints; what is roundoff of the motion's size is zero."""
+        moved = project(self.dynamics, PhasePoint(state.t, state.q, state.v), self.work)
+        if isinstance(moved, Failure):
+            return moved
+        return replace(state, q=at_rest(moved[0].q, state.size_q), v=at_rest(moved[0].v, state.size_v))
 
     def passed(self, known: Vector) -> int | None:
         """Number of the first event of forces that begins another phase and is beyond its zero at the start of this one."""

@@ -19,7 +19,7 @@ from hhtbench.solution.counting import Clock, Work
 from hhtbench.solution.phases import Impact
 from hhtbench.solution.request import Request
 from hhtbench.solution.result import Counters, Solution, Status
-from solvers._initcond import consistent_start, project
+from solvers._initcond import consistent_start
 from solvers._start import Failure, PhasePoint, budget_failure
 from solvers.eventful.changes import MAX_CHANGES_AT_ONCE, PILED_UP, Changes
 from solvers.eventful.dense import Joined
@@ -34,7 +34,7 @@ from solvers.hht.events.sides import BESIDE, starting_values
 
 FIRST = 0.1  # share of the interval of the first run: nothing is integrated far beyond an event
 LONGER = 2.0  # length of a run over the last one without an event, or over the time between two changes
-SHORTEST = 1e3  # length of a run over the resolution of time
+SHORTEST = 1e3  # length of a run over the resolution of time; changes that follow one another sooner pile up
 
 
 class Run:
@@ -54,6 +54,7 @@ class Run:
         self.samples = {i: 0 for i, event in enumerate(events) if event.period}  #: numbers of their next samples
         self.phase = PhaseFunctions(problem, events, PhasePoint(t, problem.q0, problem.v0), self.work)
         self.point = Point(t=t, q=problem.q0, v=problem.v0, vdot=np.zeros_like(problem.v0), size_q=0.0, size_v=0.0)
+        self.sizes: tuple[float, ...] = (0.0, 0.0)  #: largest of |q| and of |v| until now
         self.begun: list[tuple[Any, str, Point]] = [(problem.system, "", self.point)]  #: the phases: system, event and state
         self.switched: list[int] = []  #: events that have begun a phase at this time
         self.impacts: list[Impact] = []
@@ -128,7 +129,7 @@ class Run:
                     return self._stopped(place, [crossing], other.t - one.t)
                 self._noted(crossing, place)
             self.known, one = after, other
-            if abs(one.t - self.pieces[-1][2].t) > _resolved(one.t):
+            if abs(one.t - self.pieces[-1][2].t) > SHORTEST * _resolved(one.t):
                 self.changes.made, self.switched = [], []
         self._keep(part, part.t.size)
         self.point, self.fresh = one, False
@@ -149,6 +150,7 @@ class Run:
         begun = self.pieces[-1][2]
         if abs(place.t - begun.t) > _resolved(place.t):
             self.rows.add(len(self.begun) - 1, place, self.phase)
+        if abs(place.t - begun.t) > SHORTEST * _resolved(place.t):
             self.changes.made, self.switched = [], []
         piled = self.changes.piled_up(found, place, h)
         if unsure := [i for i in piled if self.events[i].restitution is None or self.events[i].then is None]:
@@ -195,14 +197,15 @@ class Run:
             self.pieces[-1] = *self.pieces[-1][:3], place.t
         named = [repr(self.events[c.index].name) for c in found if self._ends(c.index)]
         bouncing = [c for c in found if c not in switching or self.events[c.index].restitution is None]
-        bound = self._bound if self.phase.dynamics.structure.constrained and not switching else None
+        bound = self.phase.consistent if self.phase.dynamics.structure.constrained and not switching else None
         after = self.changes.applied(bouncing, place, h, self._values_before(), bound)
         self.impacts += self.changes.impacts
         self.changes.impacts = []
         if isinstance(after, Failure):
             return after
         self.point, self.known, self.fresh = *after, True
-        self.consistent = None if bound is None else self.point
+        changed = bound is not None and any(self.events[c.index].change is not None for c in bouncing)
+        self.consistent = self.point if changed else None
         if named:
             if any(self.events[c.index].acts for c in found):
                 self.rows.add(len(self.begun) - 1, self.point, self.phase)
@@ -218,11 +221,6 @@ class Run:
 
     def _values_before(self) -> Vector:
         return np.zeros(2 * len(self.events)) if self.known is None else self.known
-
-    def _bound(self, state: Point) -> Point | Failure:
-        """The state on the constraints of this phase."""
-        moved = project(self.phase.dynamics, PhasePoint(state.t, state.q, state.v), self.work)
-        return moved if isinstance(moved, Failure) else replace(state, q=moved[0].q, v=moved[0].v)
 
     def _switches(self, index: int, resting: Sequence[int]) -> bool:
         event = self.events[index]
@@ -283,8 +281,8 @@ class Run:
         q, v = start.q, start.v
         drifts = self.known is not None and phase.dynamics.structure.constrained
         if drifts and start is not self.consistent:  # a row may have drifted off the constraints
-            moved = project(phase.dynamics, PhasePoint(start.t, q, v), self.work)
-            q, v = (q, v) if isinstance(moved, Failure) else (moved[0].q, moved[0].v)
+            moved = phase.consistent(start)
+            q, v = (q, v) if isinstance(moved, Failure) else (moved.q, moved.v)
         if drifts:
             asked = asked.but(calc_initcond=False)
         with warnings.catch_warnings():
@@ -299,8 +297,8 @@ class Run:
 
     def _point(self, part: Solution, row: int) -> Point:
         t, q, v = float(part.t[row]), part.q[row], part.v[row]
-        sizes = (max(size, float(np.max(np.abs(x)))) for size, x in ((self.point.size_q, q), (self.point.size_v, v)))
-        return self.changes.point(t, q, v, *sizes)
+        self.sizes = tuple(max(size, float(np.max(np.abs(x)))) for size, x in zip(self.sizes, (q, v), strict=True))
+        return self.changes.point(t, q, v, *self.sizes)
 
     def _keep(self, part: Solution, end: int) -> None:
         """Keep the rows of ``part`` before row ``end``; the first one only if the motion begins there."""

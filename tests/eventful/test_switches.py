@@ -79,6 +79,28 @@ def test_a_ball_bounces_and_comes_to_rest(solver):
     assert found.q[:, 1].min() > -1e-7
 
 
+class Falling(hb.System):
+    def force(self, t, q, v):
+        return jnp.stack([-G + 0 * t])
+
+
+class Fallen(Falling):
+    def constraint(self, t, q):
+        return q
+
+
+@pytest.mark.parametrize("restitution", [0.6, 0.8])
+@pytest.mark.parametrize("solver", ["hht", "ida"])
+def test_rebounds_of_any_restitution_settle(solver, restitution):
+    floor = hb.Event(lambda t, q, v: q[0], direction=-1, restitution=restitution, then=Fallen(), name="floor")
+    rest = np.sqrt(2 / G) * (1 + restitution) / (1 - restitution)
+    ball = hb.Problem(name="ball", system=Falling(), t_span=(0, rest + 0.5), q0=[1.0], v0=[0.0], events=floor)
+    found = hb.solve(ball, solver, rtol=1e-8, max_seconds=20)
+    assert found.status.label == "success"
+    assert found.phases[1].t == pytest.approx(rest, abs=1e-6)
+    np.testing.assert_allclose(found.q[found.phases[1].rows], 0.0, atol=1e-15)
+
+
 def test_a_ball_without_a_system_to_rest_in_ends_where_its_rebounds_pile_up():
     free = hb.Event(lambda t, q, v: q[1], direction=-1, restitution=0.5, name="floor")
     found = hb.solve(BALL, "projected", rtol=1e-8, events=[free])
