@@ -15,4 +15,4 @@ def slow(*values):
     return pytest.param(*values, marks=pytest.mark.long)
 
 
-LIBRARY = [name if name in SAMPLE else slow(name) for name in list_problems()]
+LIBRARY = [pytest.param(name) if name in SAMPLE else slow(name) for name in list_problems()]

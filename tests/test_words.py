@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from pathlib import Path
 
@@ -24,6 +25,7 @@ INSTEAD = {
 NAMES = r"told|remark|lagged|slot|idle|leaps|unmet|heat|liar|wish|standing|suspect|distrust"
 
 
+@functools.cache
 def texts(file: Path) -> list[tuple[int, str]]:
     """Line and value of every string of a file: docstrings, messages, help."""
     if file.suffix != ".py":

@@ -72,7 +72,6 @@ def test_a_light_body_on_a_taut_rod_costs_no_steps(ratio):
         *((JAX_PENDULUM, options) for options in ({}, {"reaction": "midpoint"})),
         *((pendulum(), options) for options in ({"b": 1.0}, {"reaction": "predictor"})),
     ],
-    ids=str,
 )
 def test_rows_and_stages_have_whole_multipliers(system, options):
     """Those of rows are of the acceleration level, the mean of the stages belongs to the middle of the step."""

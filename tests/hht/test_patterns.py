@@ -75,7 +75,7 @@ SCENES = {
 
 def moved(system, **accuracy):
     hht, place = HHT(system), (CHAIN.q0, CHAIN.v0)
-    return hht, hht.solve((0.0, 2e-3), *place, t_eval=np.linspace(0.0, 2e-3, 25), **accuracy)
+    return hht, hht.solve((0.0, 2e-3), *place, t_eval=np.linspace(0.0, 2e-3, 7), **accuracy)
 
 
 @pytest.mark.filterwarnings("ignore:redundant constraints")

@@ -43,6 +43,7 @@ def test_loops_stay_closed_where_those_of_mujoco_open(name, seconds):
     assert gap_of_mujoco(name, seconds) > 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:redundant")
 def test_the_slider_crank_of_the_page_moves_as_equations_in_joint_coordinates_say(capsys, monkeypatch, tmp_path):
     """Mass matrix and bias of MuJoCo's tree, the closing row of one's own, SciPy."""

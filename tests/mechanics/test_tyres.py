@@ -76,6 +76,7 @@ def test_rolling_wheel_at_a_slip_angle_is_pushed_aside_alone(angle):
     np.testing.assert_allclose(found, [[0.0, -mu * 500.0 * slip / np.hypot(1.0, slip), 0.0]], rtol=1e-5)
 
 
+@pytest.mark.long
 def test_car_turns_at_the_rate_of_the_single_track_model():
     """Rate ``V d / (L + m V^2 (b / C1 - a / C2) / L)`` at the steering angle d, axles a and b from the centre."""
     mass, speed, steer, ahead, behind, height = 800.0, 12.0, 0.01, 1.1, 1.6, 0.5
