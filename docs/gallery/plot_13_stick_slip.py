@@ -28,7 +28,7 @@ class Sticks(hb.System):
 
 
 class Bristle(hb.System):
-    stiffness: object = hb.parameter(1e5, doc="[N/m]")
+    stiffness: object = hb.parameter(1e6, doc="[N/m]")
 
     def state_rate(self, t, q, v, x):  # of the deflection x [m]
         sliding = v - BELT
@@ -44,7 +44,7 @@ breaks = hb.Event(lambda t, q, v, lam, mu: STATIC - abs(mu[0]), direction=-1, du
 holds = hb.Event(lambda t, q, v: v[0] - BELT, direction=1, during=slips, then=sticks, name="holds")
 start = {"t_span": (0.0, 2.0), "q0": [0.0], "v0": [BELT]}
 switched = hb.solve(hb.Problem(name="switched", system=sticks, **start, events=[breaks, holds]), rtol=1e-6)
-scales = hb.Scales(q=0.1, v=0.2, x=1e-5)
+scales = hb.Scales(q=0.1, v=0.2, x=1e-6)
 creeping = hb.solve(hb.Problem(name="bristle", system=Bristle(), **start, x0=[0.0], scales=scales), rtol=1e-5)
 print([f"{phase.event or 'sticks'} {phase.t:.4f}" for phase in switched.phases])
 

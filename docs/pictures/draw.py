@@ -56,9 +56,10 @@ def draw_decision(axes, problem: hb.Problem) -> None:
     print(found.sentence)
 
 
+problem = crane()  # worker processes find it by this name
+
 if __name__ == "__main__":
     mpl.use("agg")
-    problem = crane()
     for script in sorted((FOLDER.parent / "gallery").glob("plot_*.py")):
         runpy.run_path(str(script))
         plt.gcf().savefig(FOLDER / f"{script.stem[5:]}.png", dpi=45)
