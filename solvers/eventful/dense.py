@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from hhtbench.protocol.arguments import Vector
-from hhtbench.solution.result import DenseOutput
+from hhtbench.solution.result import DenseOutput, Solution
 
 
 @dataclass(frozen=True)
@@ -28,3 +28,12 @@ class Joined:
         rows = [self.outputs[i](float(at)) for i, at in zip(which, times, strict=True)]
         found = DenseOutput(np.array([row.q for row in rows]), np.array([row.v for row in rows]))
         return DenseOutput(found.q[0], found.v[0]) if np.ndim(t) == 0 else found
+
+
+def joined(parts: Sequence[tuple[Solution, int]]) -> Joined | None:
+    """Dense output of runs, of each of which some rows hold; None without any."""
+    if not parts:
+        return None
+    runs, counts = zip(*parts, strict=True)
+    starts, outputs = np.array([run.t[0] for run in runs]), tuple(run.interpolant for run in runs)
+    return Joined(starts, outputs, np.concatenate([run.t[:count] for run, count in zip(runs, counts, strict=True)]))

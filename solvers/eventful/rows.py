@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from hhtbench.protocol.arguments import Matrix
+from hhtbench.protocol.arguments import Matrix, Vector
 from hhtbench.solution.phases import Phase
 from hhtbench.solution.result import Solution
 from solvers.eventful.phase import PhaseFunctions
@@ -32,6 +32,27 @@ class Rows:
         """Add one row with the multipliers of the acceleration level."""
         lam, mu = functions.multipliers(place.t, place.q, place.v)
         self.parts.append((phase, (np.array([place.t]), place.q[None], place.v[None], lam[None], mu[None])))
+
+    def at(self, times: Vector, pieces: Sequence[Any], ahead: float, solve: Callable[..., Solution]) -> Rows:
+        """Rows at ``times`` (k,): each motion between changes is solved again with them.
+
+        ``pieces``: phase, its functions, start and end [s] of each; ``ahead``: direction of time.
+        """
+        rows = Rows(self._n)
+        if not self.parts:
+            return rows
+        (first, *_), last = self.parts[0][1], self.parts[-1][1][0][-1]
+        if times.size and times[0] == first[0]:  # the start itself, before any change there
+            rows.parts.append((0, tuple(column[:1] for column in self.parts[0][1])))
+            times = times[1:]
+        for i, (number, phase, start, end) in enumerate(pieces):
+            closed = i == len(pieces) - 1
+            end = last if closed else end
+            inside = ahead * (times - start.t) >= 0
+            inside &= ahead * (end - times) >= 0 if closed else ahead * (end - times) > 0
+            if start.t != end and inside.any():
+                rows.keep(number, solve(phase, start, end, times[inside]), slice(None))
+        return rows
 
     def joined(self) -> dict[str, Matrix]:
         """All rows by name; multipliers that a phase does not have are zero."""

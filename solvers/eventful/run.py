@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
-from dataclasses import fields, replace
-from functools import partial
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,18 +13,19 @@ from hhtbench.protocol.errors import BudgetSpent, NonFiniteValue, ProblemError
 from hhtbench.protocol.events import Event
 from hhtbench.protocol.printing import exact
 from hhtbench.protocol.problem import Problem
-from hhtbench.solution.counting import Clock, Work
+from hhtbench.solution.counting import Clock
 from hhtbench.solution.phases import Impact
 from hhtbench.solution.request import Request
-from hhtbench.solution.result import Counters, Solution, Status
+from hhtbench.solution.result import Solution, Status
 from solvers._initcond import consistent_start
 from solvers._start import Failure, PhasePoint, budget_failure
 from solvers.eventful.changes import MAX_CHANGES_AT_ONCE, PILED_UP, Changes
-from solvers.eventful.dense import Joined
+from solvers.eventful.dense import joined
 from solvers.eventful.impacts import impact_of
 from solvers.eventful.locate import located
 from solvers.eventful.phase import PhaseFunctions
 from solvers.eventful.rows import Rows
+from solvers.eventful.runs import SolverRuns
 from solvers.eventful.steps import Point, crossings_in
 from solvers.hht.events.event import Occurrence
 from solvers.hht.events.locate import TOGETHER, Crossing
@@ -41,13 +40,12 @@ class Run:
     """One solve with events."""
 
     def __init__(self, solver: Any, events: tuple[Event, ...], problem: Problem, request: Request, clock: Clock) -> None:
-        self.solver, self.problem, self.request, self.events = solver, problem, request, events
+        self.problem, self.request, self.events = problem, request, events
         t, self.end = problem.t_span
         self.ahead, self.length = float(np.sign(self.end - t)), FIRST * abs(self.end - t)
-        self.h = None if not request.fixed else request.step or abs(self.end - t) / request.steps
-        self.dense: list[tuple[float, Any, Vector]] = []  #: of each run, if asked for: its start, interpolant and step ends
-        self.work, self.spent, self.output = Work(clock=clock), list[Counters](), list[Counters]()
-        self.rows = Rows(problem.q0.size)
+        self.runs = SolverRuns(solver, request, abs(self.end - t), clock)
+        self.work = self.runs.work
+        self.rows, self.parts = Rows(problem.q0.size), list[tuple[Solution, int]]()  #: runs and how many of their rows hold
         self.pieces: list[tuple[int, PhaseFunctions, Point, float]] = []  #: motions without changes: phase, start, end [s]
         self.occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in events)
         self.known: Vector | None = None  #: (2k,) event functions, then roundoff of those at a zero
@@ -68,7 +66,7 @@ class Run:
             while ended is None:
                 ended = self._advance()
             if self.request.t_eval is not None:
-                self.rows = self._rows_at(self.request.t_eval)
+                self.rows = self.rows.at(self.request.t_eval, self.pieces, self.ahead, self._solve)
         except BudgetSpent as spent:
             ended = budget_failure(spent, self.point.t)
         except NonFiniteValue as error:
@@ -79,13 +77,13 @@ class Run:
             **rows,
             status=ended.status,
             message=ended.message,
-            counters=self._counters(),
+            counters=self.runs.counters(),
             t_events=tuple(np.array([o.t for o in each]) for each in self.occurrences),
             q_events=tuple(np.array([o.q for o in each]).reshape(-1, n) for each in self.occurrences),
             v_events=tuple(np.array([o.v for o in each]).reshape(-1, n) for each in self.occurrences),
             phases=self.rows.phases(self.begun) if len(self.begun) > 1 else (),
             impacts=tuple(self.impacts),
-            interpolant=self._interpolant(),
+            interpolant=joined(self.parts),
         )
 
     def _advance(self) -> Failure | None:
@@ -95,7 +93,8 @@ class Run:
         if due := [i for i in self.samples if abs(self._sample_time(i) - t) <= _resolved(t)]:
             return self._sampled(due)
         whole = abs(self.end - t) <= LONGER * self.length
-        length = self.length if self.h is None else self.h * max(1.0, self.length // self.h)
+        h = self.runs.h
+        length = self.length if h is None else h * max(1.0, self.length // h)
         stops = [self.end if whole else t + self.ahead * length, *map(self._sample_time, self.samples)]
         part = self._solve(self.phase, self.point, min(stops) if self.ahead > 0 else max(stops))
         if not part.t.size:
@@ -267,29 +266,10 @@ class Run:
         name = self.events[crossing.index].name
         self.occurrences[crossing.index].append(Occurrence(crossing.index, name, at.t, at.q, at.v))
 
-    def _solve(
-        self, phase: PhaseFunctions, start: Point, end: float, *, spent: list[Counters] | None = None, **request: Any
-    ) -> Solution:
-        """The solver without events from ``start`` to ``end`` [s], with what is left of the budgets."""
-        spent = self.spent if spent is None else spent
-        fixed = {} if self.h is None else {"step": self.h, "steps": None}
-        asked = self.request.but(**({"t_eval": None} | fixed | request))
-        for budget, counter in (("max_num_steps", "steps_accepted"), ("max_evaluations", "residual_evaluations")):
-            if (most := getattr(asked, budget)) is not None:
-                left = most - sum(getattr(one, counter) or 0 for one in self.spent)
-                asked = asked.but(**{budget: max(left, 1) if spent is self.spent else None})  # output is beside budgets
-        q, v = start.q, start.v
-        drifts = self.known is not None and phase.dynamics.structure.constrained
-        if drifts and start is not self.consistent:  # a row may have drifted off the constraints
-            moved = phase.consistent(start)
-            q, v = (q, v) if isinstance(moved, Failure) else (moved.q, moved.v)
-        if drifts:
-            asked = asked.but(calc_initcond=False)
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="atol=")  # of the sizes in a part of the motion
-            found: Solution = self.solver.solve(phase.problem.starting((start.t, end), q, v), asked)
-        spent.append(found.counters)
-        return found
+    def _solve(self, phase: PhaseFunctions, start: Point, end: float, t_eval: Vector | None = None) -> Solution:
+        """The solver without events from ``start`` to ``end`` [s]."""
+        bound = start is self.consistent
+        return self.runs.between(phase, start, end, begun=self.known is not None, bound=bound, t_eval=t_eval)
 
     def _reach(self, start: Point, end: float) -> Point | Failure:
         part = self._solve(self.phase, start, end)
@@ -304,48 +284,9 @@ class Run:
         """Keep the rows of ``part`` before row ``end``; the first one only if the motion begins there."""
         self.rows.keep(len(self.begun) - 1, part, slice(0 if self.fresh else 1, end))
         if self.request.dense_output:
-            self.dense.append((float(part.t[0]), part.interpolant, part.t[:end]))
-
-    def _interpolant(self) -> Joined | None:
-        """Dense output, if it was asked for."""
-        if not self.dense:
-            return None
-        starts, outputs, t = zip(*self.dense, strict=True)
-        return Joined(np.array(starts), outputs, np.concatenate(t))
-
-    def _rows_at(self, times: Vector) -> Rows:
-        """Rows at ``times`` (k,): each motion between changes is solved again with them."""
-        rows = Rows(self.problem.q0.size)
-        if not self.rows.parts:
-            return rows
-        last = self.rows.parts[-1][1][0][-1]
-        if times.size and times[0] == self.problem.t_span[0]:  # the start itself, before any change there
-            rows.parts.append((0, tuple(column[:1] for column in self.rows.parts[0][1])))
-            times = times[1:]
-        for i, (number, phase, start, end) in enumerate(self.pieces):
-            closed = i == len(self.pieces) - 1
-            end = last if closed else end
-            inside = self.ahead * (times - start.t) >= 0
-            inside &= self.ahead * (end - times) >= 0 if closed else self.ahead * (end - times) > 0
-            if start.t != end and inside.any():
-                part = self._solve(phase, start, end, spent=self.output, t_eval=times[inside])
-                rows.keep(number, part, slice(None))
-        return rows
-
-    def _counters(self) -> Counters:
-        """Work of all runs; that of rows at asked times as output."""
-        parts = partial(_summed, [*self.spent, self.work.counters()])
-        found = {one.name: parts(one.name) for one in fields(Counters) if one.name != "provenance"}
-        if self.output and found["output_evaluations"] is not None:
-            found["output_evaluations"] += _summed(self.output, "residual_evaluations") or 0
-        return Counters(**found, provenance=self.spent[0].provenance if self.spent else "counted")
+            self.parts.append((part, end))
 
 
 def _resolved(t: float) -> float:
     """Times [s] closer than this to ``t`` are one time."""
     return TOGETHER * float(np.spacing(abs(t)))
-
-
-def _summed(parts: list[Counters], name: str) -> int | None:
-    values = [getattr(one, name) for one in parts]
-    return None if None in values else sum(values)
