@@ -91,10 +91,8 @@ def mechanism(
 
 def row_of_balls(n: int) -> Vector:
     """Centres (n, 3) [m] of balls in a row along the bottom, a fiftieth of their radius above it."""
-    along, tilt = (
-        2.2 * SMALL * (np.arange(n) - (n - 1) / 2),
-        0.2 * np.sin(np.arange(n) + 1.0),
-    )  # beside the bottom: they roll
+    along = 2.2 * SMALL * (np.arange(n) - (n - 1) / 2)
+    tilt = 0.2 * np.sin(np.arange(n) + 1.0)  # they start beside the lowest line, and so roll
     return np.column_stack([np.sin(tilt), 0 * tilt, -np.cos(tilt)]) * (RADIUS - 1.02 * SMALL) + np.outer(along, Y)
 
 
