@@ -129,7 +129,12 @@ def sliding_force(
 def along_surface(apart: Callable[[Array], Array], contact: Contact, q: Array, v: Array) -> Array:
     """Rates (j, d) of the vectors ``apart(q)`` (j, d) less their parts along the normals."""
     _, rate = jax.jvp(apart, (q,), (v,))
-    return rate - jnp.sum(rate * contact.normal, axis=-1, keepdims=True) * contact.normal
+    return along(rate, contact.normal)
+
+
+def along(velocity: Array, normal: Array) -> Array:
+    """Velocities (j, d) less their parts along the unit normals (j, d)."""
+    return velocity - jnp.sum(velocity * normal, axis=-1, keepdims=True) * normal
 
 
 def distances_of_material(frame: ModuleType, first: Any, second: Any, point: Array, q: Array) -> Callable[[Array], Array]:

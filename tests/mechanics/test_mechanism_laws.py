@@ -1,4 +1,4 @@
-"""Laws of time: the numbers of a ``functools.partial`` are parameters."""
+"""Laws of time, whose numbers are parameters, and contacts with cylinders."""
 
 from functools import partial
 
@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from hhtbench.mechanics import Mechanism
 
@@ -63,3 +64,21 @@ def test_what_is_no_number_stays_as_it_is():
     system = driven(scaled, (0.0, 0.0), 0.0)
     found = system.constraint(0.7, np.array([1.0, 0.0, 0.0]))[-1]
     np.testing.assert_allclose(found, -2 * np.sin(0.7), rtol=1e-15)
+
+
+@pytest.mark.parametrize("plane", [False, True])
+def test_cylinders_and_strips_touch_at_their_distance_from_the_axis(plane):
+    """A ball of 0.1 m between walls 0.5 m from a slanted axis, and beside a pillar of 0.2 m along it, 0.3 m off the axis."""
+    d = 2 if plane else 3
+    along, across = np.array([0.6, 0.8, 0.0])[:d], np.array([0.8, -0.6, 0.0])[:d]
+    m = Mechanism(plane=plane)
+    m.body("pipe", 5.0, 1.0 if plane else np.ones(3), at=np.ones(d))
+    m.body("ball", 1.0, 0.1 if plane else np.full(3, 0.1), at=np.ones(d) + 0.3 * across + 0.7 * along)
+    for name, radius in (("pipe wall", -0.5), ("pillar", 0.2)):
+        given = {"radius": 0.1, "centre": np.ones(d), "other": radius, "axis": 3 * along, "onset": 1e-5}
+        m.contact(name, "ball", "pipe", m.bodies["ball"].x, 1e4, **given)
+    q, _ = m.start()
+    v = m.frame.velocities(q, [np.zeros(d), across + 2 * along], np.zeros(2) if plane else np.zeros((2, 3)))
+    gaps, rates, _ = m.system().measured("ball", q, v)
+    np.testing.assert_allclose(gaps, [0.1, 0.0], atol=1e-14)
+    np.testing.assert_allclose(rates, [-1.0, 1.0], atol=1e-14)

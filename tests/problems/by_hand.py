@@ -1,10 +1,11 @@
 """Scenes of rigid bodies in space in equations written by hand, against which their mechanisms are judged."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.mechanics import space
+from hhtbench.mechanics import bushings, contact, forces, space
 from hhtbench.protocol.system import System, parameter
 
 X, Y, Z = np.eye(3)
@@ -112,4 +113,48 @@ def disk(m=1.0, R=0.5, g=9.81, **start):
     return Disk(m=[m], J=m * R**2 / 4 * np.array([[1.0, 1.0, 2.0]]), g=-g * Z, R=R)
 
 
-SCENES = {"flyball_governor": governor, "bricard": loop, "heavy_top": top, "rolling_disk3d_steady": disk}
+class Mill(Bodies):
+    """Drum and balls of problems/ball_mill.py."""
+
+    mount_k: object = parameter(doc="[N/m]")
+    mount_c: object = parameter(doc="[N s/m]")
+    law: object = parameter(doc="of contact: stiffness, loss, onset [N/m^1.5, s/m, m]")
+    rub: object = parameter(doc="coefficient of friction, creep [1, m/s]")
+    push: object = parameter(doc="[N]")
+    Om: object = parameter(doc="[rad/s]")
+    n: int = eqx.field(static=True)
+
+    def offsets(self, q):
+        feet = np.array([(x, y, -0.15) for x, y in [(0.2, 0.15), (0.2, -0.15), (-0.2, -0.15), (-0.2, 0.15)]])
+        return bushings.offsets_in_space(space.placed_with_ground(q), [-1] * 4, [0] * 4, feet, feet)
+
+    def contacts(self, q):
+        at, (first, second) = space.placed_with_ground(q), np.triu_indices(self.n, 1)
+        balls, axis, side = at.x[1:-1], at.R[0][:, 1], np.repeat([1.0, -1.0], self.n)[:, None]
+        wall = contact.on_cylinder(balls, 0.025, at.x[0], axis, -0.15)
+        ends = contact.on_plane(jnp.tile(balls, (2, 1)), 0.025, at.x[0] + side * 0.15 * axis, -side * axis)
+        each = contact.on_sphere(balls[first], 0.025, balls[second], 0.025)
+        return contact.Contact(*(jnp.concatenate(parts) for parts in zip(wall, ends, each, strict=True)))
+
+    def force(self, t, q, v):
+        shares, (first, second) = np.array([1, 1, 2, *[0.03**2] * 3]), np.triu_indices(self.n, 1)
+        mounts = forces.force_of(self.offsets, forces.spring_damper(self.mount_k * shares, self.mount_c * shares, 0.0), q, v)
+        law, gaps = contact.hunt_crossley(*self.law), lambda y: self.contacts(y).gap
+        touching = np.append(np.tile(np.arange(self.n), 3), first) + 1, np.append(np.zeros(3 * self.n, int), second + 1)
+        push = -law(*forces.rates(gaps, q, v))
+        rubbing = contact.friction_force(space, *touching, self.contacts(q), push, tuple(self.rub), q, v)
+        exciter = self.push * jnp.stack([jnp.cos(self.Om * t), 0.0, jnp.sin(self.Om * t)])
+        inner = mounts + forces.force_of(gaps, law, q, v) + rubbing
+        return (super().force(t, q, v) + inner).at[:3].add(exciter)
+
+    def constraint(self, t, q):
+        return space.norm_rows(space.split(q)[1])
+
+
+def mill(n=3, mount_k=1e5, mount_c=200.0, k=1e7, c=0.3, onset=5e-5, mu=0.3, creep=0.02, push=1500.0, Om=100.0):
+    J = [[0.3, 0.4, 0.3]] + n * [3 * [0.4 * 0.5 * 0.025**2]]
+    laws = {"law": [k, c, onset], "rub": [mu, creep], "push": push, "Om": Om, "n": n}
+    return Mill(m=[20.0] + n * [0.5], J=J, g=-9.81 * Z, mount_k=mount_k, mount_c=mount_c, **laws)
+
+
+SCENES = {"flyball_governor": governor, "bricard": loop, "heavy_top": top, "rolling_disk3d_steady": disk, "ball_mill": mill}

@@ -16,10 +16,11 @@ scenes = pytest.mark.parametrize(("name", "parameters"), [(name, x) for name in 
 
 
 def held(problem, system, t, q, v):
-    """Accelerations, and forces and torques of all joints on the bodies."""
+    """Accelerations, and, of a scene with joints, all their forces and torques on the bodies."""
     known = Mechanics(compiled(system))
     vdot, lam, mu = known.accelerations(t, q, v, redundant="redundant" in problem.tags)
-    return vdot, *map(np.asarray, Space.forces_of(q, known.reaction(t, q, v, lam, mu)))
+    joints = Space.forces_of(q, known.reaction(t, q, v, lam, mu)) if problem.system.joints else ()
+    return vdot, *map(np.asarray, joints)
 
 
 @scenes
@@ -35,17 +36,18 @@ def test_bodies_move_and_are_held_as_in_equations_by_hand(make, name, parameters
 
 @pytest.mark.parametrize("name", SCENES)
 def test_motion_is_that_of_the_equations_by_hand(make, name):
-    """Positions over 0.05 s at a tolerance of 1e-11, to 1e-10; velocities to 1e-10 of their scales."""
+    """Positions over 0.05 s at a tolerance of 1e-12, to 1e-10; velocities to 1e-10 of their scales."""
     problem = make(name)
     start = {"t_span": (0.0, 0.05), "q0": problem.q0, "v0": problem.v0}
     written = hb.Problem(name="written", system=SCENES[name](), scales=problem.scales, **start)
-    found, expected = (hb.solve(one, "projected", rtol=1e-11, **start) for one in (problem, written))
+    found, expected = (hb.solve(one, "projected", rtol=1e-12, **start) for one in (problem, written))
     np.testing.assert_allclose(found.q[-1], expected.q[-1], rtol=0, atol=1e-10)
     np.testing.assert_allclose(found.v[-1] / problem.scales.v, expected.v[-1] / problem.scales.v, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize(
-    ("name", "further"), [*((x, {}) for x in SCENES), ("rolling_disk3d_steady", {"j0": 0.0}), slow("heavy_top", {"j0": 0.0})]
+    ("name", "further"),
+    [*((x, {}) for x in SCENES if x != "ball_mill"), ("rolling_disk3d_steady", {"j0": 0.0}), slow("heavy_top", {"j0": 0.0})],
 )
 def test_forces_of_joints_on_the_bodies_are_read_by_name(make, name, further):
     """Their sums at the rows of a solution of the problem against the equations by hand, to 1e-10 of the largest."""

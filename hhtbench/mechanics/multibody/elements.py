@@ -42,9 +42,9 @@ class Springs(eqx.Module):
 
 
 class Contacts(eqx.Module):
-    """j contacts of points, circles or balls of the first bodies with planes or balls of the second."""
+    """j contacts of points, circles or balls of the first bodies with planes, balls or cylinders of the second."""
 
-    rows: Rows  #: ``a`` centres of the first; ``b`` centres or points of planes, ``w`` their normals
+    rows: Rows  #: ``a`` centres of the first; ``b`` centres or points of planes, ``w`` their normals, axes of cylinders
     radius: Any = parameter(doc="of the first (j,) [m]")
     other: Any = parameter(doc="of the second (j,) [m], below 0 for a hollow one; unused by planes")
     stiffness: Any = parameter(doc="(j,) [N/m^power]")
@@ -53,6 +53,7 @@ class Contacts(eqx.Module):
     power: Any = parameter(doc="(j,)")
     rub: Any = parameter(doc="law along the surface: friction coefficient and creep (j, 2) [1, m/s]")
     balls: bool = eqx.field(static=True, default=False)
+    cylinders: bool = eqx.field(static=True, default=False)  #: some of the balls have an axis
     rubs: bool = eqx.field(static=True, default=False)
 
     @property
@@ -67,14 +68,18 @@ class Contacts(eqx.Module):
     def touching(self, at: Placed) -> contact.Contact:
         """Gaps, normals and points."""
         centre, other = self.rows.points(at)
+        if self.cylinders:
+            return contact.on_cylinder(centre, self.radius, other, at.along(self.rows.second, self.rows.w), self.other)
         if self.balls:
             return contact.on_sphere(centre, self.radius, other, self.other)
         return contact.on_plane(centre, self.radius, other, at.along(self.rows.second, self.rows.w))
 
     def friction(self, frame: Any, q: Array, v: Array) -> Array:
         """Generalised force (n,) along the surfaces."""
-        apart, force = self._along(frame, q, v)
-        return forces.force_at(apart, force, q)
+        touching, force = self._along(frame, q, v)
+        bodies = np.array(self.rows.first + self.rows.second)
+        levers = jnp.tile(touching.point, (2, 1)) - frame.placed(q).x[bodies]
+        return generalised(frame, q, bodies, levers, jnp.concatenate([force, -force]))
 
     def rubbing(self, frame: Any, q: Array, v: Array) -> Array:
         """Forces (j, d) [N] along the surfaces on the first bodies."""
@@ -84,15 +89,20 @@ class Contacts(eqx.Module):
         """The law along the surfaces: forces (j, d) [N] at the velocities ``sliding`` (j, d) [m/s]."""
         return contact.friction(push, sliding, self.rub[:, 0], self.rub[:, 1])
 
-    def _along(self, frame: Any, q: Array, v: Array) -> tuple[Callable[[Array], Array], Array]:
-        touching, push, pairs = self._pressed(frame, q, v)
-        apart = contact.distances_of_material(frame.module, *pairs, touching.point, q)
-        return apart, self.resistance(frame, touching, push, contact.along_surface(apart, touching, q, v), q, v)
+    def _along(self, frame: Any, q: Array, v: Array) -> tuple[contact.Contact, Array]:
+        touching, push = self._pressed(frame, q, v)
+        return touching, self.resistance(frame, touching, push, self._sliding(frame, touching, touching.point, q, v), q, v)
 
-    def _pressed(self, frame: Any, q: Array, v: Array) -> tuple[contact.Contact, Array, tuple[Any, Any]]:
-        """Contacts, their normal forces (j,) [N] and their bodies."""
+    def _pressed(self, frame: Any, q: Array, v: Array) -> tuple[contact.Contact, Array]:
+        """Contacts and their normal forces (j,) [N]."""
         gap, rate = forces.rates(lambda y: self.touching(frame.placed(y)).gap, q, v)
-        return self.touching(frame.placed(q)), -self.law(gap, rate), (np.array(self.rows.first), np.array(self.rows.second))
+        return self.touching(frame.placed(q)), -self.law(gap, rate)
+
+    def _sliding(self, frame: Any, touching: contact.Contact, points: Array, q: Array, v: Array) -> Array:
+        """Velocities (j, d) [m/s] of the first against the second at ``points`` (j, d), along the surfaces."""
+        x, bodies = frame.placed(q).x, (self.rows.first, self.rows.second)
+        first, second = (frame.velocity_at(q, v, one, points - x[np.array(one)]) for one in bodies)
+        return contact.along(first - second, touching.normal)
 
 
 class Tyres(Contacts):
@@ -112,10 +122,9 @@ class Tyres(Contacts):
 
     def slip(self, frame: Any, q: Array, v: Array) -> Array:
         """Slips (j, 2) along and across the rolling directions; in the plane (j,)."""
-        touching, _, pairs = self._pressed(frame, q, v)
-        apart = contact.distances_of_material(frame.module, *pairs, touching.point, q)
+        touching, _ = self._pressed(frame, q, v)
         travel, ahead = self._travelling(frame, touching, q, v)
-        ratio = contact.along_surface(apart, touching, q, v) / tyres.reference_speed(travel, self.rub[:, 3])[:, None]
+        ratio = self._sliding(frame, touching, touching.point, q, v) / tyres.reference_speed(travel, self.rub[:, 3])[:, None]
         along = jnp.sum(ratio * ahead, axis=1)
         if frame.dimension == 2:
             return along
@@ -123,10 +132,10 @@ class Tyres(Contacts):
 
     def _travelling(self, frame: Any, touching: contact.Contact, q: Array, v: Array) -> tuple[Array, Array]:
         """Velocities (j, d) [m/s] of the centres along the road, and rolling directions (j, d)."""
-        at, pairs = frame.placed(q), (np.array(self.rows.first), np.array(self.rows.second))
+        at = frame.placed(q)
         axis = None if at.angle is not None else at.along(self.rows.first, self.rows.u)
-        centre = contact.distances_of_material(frame.module, *pairs, self.rows.points(at)[0], q)
-        return contact.along_surface(centre, touching, q, v), tyres.rolling_directions(axis, touching.normal)
+        travelling = self._sliding(frame, touching, self.rows.points(at)[0], q, v)
+        return travelling, tyres.rolling_directions(axis, touching.normal)
 
 
 class Loads(eqx.Module):
@@ -146,11 +155,15 @@ class Loads(eqx.Module):
         follows = np.array(self.follows)[:, None]
         turned = [at.along(self.rows.second, x) if x.ndim > 1 else x for x in found]
         force, torque = (jnp.where(follows, x, y) if x.ndim > 1 else y for x, y in zip(turned, found, strict=True))
-        lever = at.along(self.rows.second, self.rows.b)
-        cross = jnp.cross(lever, force) if frame.dimension == 3 else lever[:, 0] * force[:, 1] - lever[:, 1] * force[:, 0]
-        k = len(at.x) - 1
-        sums = [jnp.zeros((k, *x.shape[1:])).at[bodies].add(x) for x in (force, torque + cross)]
-        return jnp.asarray(frame.wrench(q, *sums))
+        return generalised(frame, q, bodies, at.along(self.rows.second, self.rows.b), force, torque)
+
+
+def generalised(frame: Any, q: Array, bodies: Any, levers: Array, force: Array, torque: Any = 0.0) -> Array:
+    """Generalised force (n,) of forces (j, d) [N] at ``levers`` (j, d) [m] from the centres of ``bodies``, and torques."""
+    moment = jnp.cross(levers, force) if frame.dimension == 3 else levers[:, 0] * force[:, 1] - levers[:, 1] * force[:, 0]
+    k = q.size // frame.size
+    sums = [jnp.zeros((k + 1, *x.shape[1:])).at[bodies].add(x)[:k] for x in (force, torque + moment)]
+    return jnp.asarray(frame.wrench(q, *sums))
 
 
 def _set(constant: Array, laws: tuple[OfTime | None, ...], given: dict[str, Any]) -> Array:

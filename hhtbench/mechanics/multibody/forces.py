@@ -104,12 +104,13 @@ class Forces(Joints):
         normal: Any = None,
         centre: Any = None,
         other: float = 0.0,
+        axis: Any = None,
         loss: float = 0.0,
         onset: float,
         power: float = 1.5,
         friction: tuple[float, float] | None = None,
     ) -> str:
-        """Contact of a ball (a circle in the plane) of the first with a plane or with a ball of the second body.
+        """Contact of a ball (a circle in the plane) of the first with a plane, ball or long cylinder of the second body.
 
         Parameters
         ----------
@@ -118,7 +119,8 @@ class Forces(Joints):
         point, normal
             Of the plane, (d,) [m] and outward; or
         centre, other
-            centre (d,) and radius [m] of the other ball, below 0 for a hollow one around the first.
+            centre (d,) and radius [m] of the other ball, below 0 for a hollow one around the first; with an ``axis`` (d,)
+            through its centre it is a long cylinder, in the plane a strip.
         stiffness, power, loss, onset
             Of Hunt and Crossley's force [N/m^power], see ``contact.hunt_crossley`` [s/m, m].
         friction
@@ -141,7 +143,8 @@ class Forces(Joints):
         self._expect_numbers(name, 0.0, onset=onset)
         a = self._vector("at", at)
         if centre is not None:
-            return self._element("ball", name, first, second, a=a, b=self._vector("centre", centre), **more)
+            axis = None if axis is None else unit(f"axis of contact {name!r}", axis, self.dimension)
+            return self._element("ball", name, first, second, a=a, b=self._vector("centre", centre), w=axis, **more)
         up = unit(f"normal of contact {name!r}", normal, self.dimension)
         return self._element("contact", name, first, second, a=a, b=self._vector("point", point), w=up, **more)
 

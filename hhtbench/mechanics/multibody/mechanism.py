@@ -143,7 +143,8 @@ class Mechanism(Signals):
             names = "radius", "other", "stiffness", "loss", "onset", "power", "rub"
             values = {name: column(rows, name) for name in names}
             made_of = Tyres if kind == "tyre" else Contacts
-            return made_of(made, **values, balls=kind == "ball", rubs=bool(values["rub"][:, 0].any()))
+            ball, rubs = kind == "ball", bool(values["rub"][:, 0].any())
+            return made_of(made, **values, balls=ball, cylinders=ball and bool(made.w.any()), rubs=rubs)
         if kind == "drive":
             numbers = {name: column(rows, name) for name in ("stiffness", "damping", "free", "inertia")}
             kinds = tuple(row.more["kind"] for row in rows)
