@@ -55,7 +55,7 @@ class Changes:
 
     def _turned_back(self, crossing: Crossing, place: Point, h: float) -> bool:
         event = self.events[crossing.index]
-        return _changes(event) and is_leaving(event, crossing.side, place, h, self.work)
+        return changes_state(event) and is_leaving(event, crossing.side, place, h, self.work)
 
     def together(self, found: Sequence[Crossing], known: Vector | None, place: Point, h: float) -> list[Crossing]:
         """Crossings by other events that act and whose zero is at ``place`` within the resolution of time.
@@ -122,5 +122,6 @@ class Changes:
         return np.array([value_of(event, at.t, at.q, at.v, self.work) for event in self.events])
 
 
-def _changes(event: Event) -> bool:
+def changes_state(event: Event) -> bool:
+    """True if it changes the state itself, not by the system that it begins."""
     return event.change is not None or event.restitution is not None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from hhtbench.lowering import Dynamics, padded, redundant_rows, route_of, unredu
 from hhtbench.lowering.dynamics.rank import minimum_norm
 from hhtbench.lowering.scalar_compiler import native_call
 from hhtbench.protocol.arguments import Vector
+from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.events import Event
 from hhtbench.protocol.printing import exact
 from hhtbench.protocol.problem import Problem
@@ -45,14 +47,24 @@ class PhaseFunctions:
         if not event.happens_in(self.problem.system):
             return Event(_absent, name=event.name, samples=event.samples)
         if event.takes_multipliers:
-            given: Callable[..., Any] = event.function
-            return replace(event, function=lambda t, q, v: given(t, q, v, *self.multipliers(t, q, v)))
+            return replace(event, function=partial(self._of_multipliers, event))
         n = self.dynamics.structure.n
         code = None if route_of(self.dynamics) == "numpy" else code_of(event, self.dynamics, n)
         if code is None:
             return event
         call: Any = native_call(code, ((), (n,), (n,)))
         return replace(event, function=lambda t, q, v: call(t, q, v)[0])
+
+    def _of_multipliers(self, event: Event, t: float, q: Vector, v: Vector) -> Any:
+        lam, mu = self.multipliers(t, q, v)
+        try:
+            return event.function(t, q, v, lam, mu)
+        except IndexError as error:
+            have = f"{type(self.problem.system).__name__} has lam {lam.shape} and mu {mu.shape}"
+            text = (
+                f"event {event.name!r} reads a multiplier that is not there: {have}; give during= to name those that do."
+            )
+            raise ProblemError(text) from error
 
     def multipliers(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
         """``lam`` (m,) and ``mu`` (p,) of the acceleration level, of least norm where rows are redundant."""

@@ -19,7 +19,7 @@ from hhtbench.solution.request import Request
 from hhtbench.solution.result import Solution, Status
 from solvers._initcond import consistent_start
 from solvers._start import Failure, PhasePoint, budget_failure
-from solvers.eventful.changes import MAX_CHANGES_AT_ONCE, PILED_UP, Changes
+from solvers.eventful.changes import MAX_CHANGES_AT_ONCE, PILED_UP, Changes, changes_state
 from solvers.eventful.dense import joined
 from solvers.eventful.impacts import impact_of
 from solvers.eventful.locate import located
@@ -206,7 +206,7 @@ class Run:
         changed = bound is not None and any(self.events[c.index].change is not None for c in bouncing)
         self.consistent = self.point if changed else None
         if named:
-            if any(self.events[c.index].acts for c in found):
+            if any(changes_state(self.events[c.index]) for c in found):
                 self.rows.add(len(self.begun) - 1, self.point, self.phase)
             return Failure(Status.event, f"event {', '.join(named)} at t = {exact(place.t)}. {Status.event.text}")
         if switching:

@@ -513,3 +513,16 @@ def test_budgets_count_the_steps_and_not_the_rows(solver):
     found = hb.solve(problem, solver, rtol=1e-5, t_eval=times, max_num_steps=taken + 5)
     assert found.status.label == "success"
     np.testing.assert_array_equal(found.t, times)
+
+
+def test_an_event_that_reads_a_multiplier_of_another_system_is_refused_by_name():
+    lifts = hb.Event(lambda t, q, v, lam, mu: lam[0], direction=1, then=FLYING, name="lifts")
+    with pytest.raises(hb.ProblemError, match="'lifts' reads a multiplier that is not there: Flying has lam"):
+        hb.solve(BALL, rtol=1e-4, events=[lifts])
+
+
+def test_a_terminal_event_that_would_begin_a_system_ends_with_one_row():
+    lands = hb.Event(lambda t, q, v: q[1], direction=-1, then=LYING, terminal=True, name="lands")
+    found = hb.solve(BALL, rtol=1e-4, events=[lands])
+    assert found.status.label == "event"
+    assert found.t[-1] > found.t[-2]
