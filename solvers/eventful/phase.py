@@ -61,9 +61,7 @@ class PhaseFunctions:
             return event.function(t, q, v, lam, mu)
         except IndexError as error:
             have = f"{type(self.problem.system).__name__} has lam {lam.shape} and mu {mu.shape}"
-            text = (
-                f"event {event.name!r} reads a multiplier that is not there: {have}; give during= to name those that do."
-            )
+            text = f"event {event.name!r} reads a multiplier that is not there: {have}; give during= to name those that do."
             raise ProblemError(text) from error
 
     def multipliers(self, t: float, q: Vector, v: Vector) -> tuple[Vector, Vector]:
