@@ -252,7 +252,7 @@ def _judged(problem: Problem, request: Request, outcome: Outcome, work: Outcome,
     if not succeeded(outcome) or outcome.solution is None:
         return Judged()
     seen = outcome.status is Status.event or any(map(np.size, outcome.solution.t_events))
-    if seen and not np.size(problem.events):
+    if seen and not (np.size(problem.events) or np.size(problem.inputs)):
         return Judged({"status": Status.unreliable.label, "message": "end: an event is reported, and none was asked for."})
     if not succeeded(work):
         return Judged({"status": work.status.label, "message": f"{work.message} (without output on the way)"})

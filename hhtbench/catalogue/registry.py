@@ -21,7 +21,7 @@ from hhtbench.catalogue.packages import own_folder
 from hhtbench.catalogue.specs import Spec, parse_spec
 from hhtbench.protocol.errors import ProblemError, did_you_mean
 from hhtbench.protocol.problem import Problem, Solver
-from hhtbench.protocol.system import NumpySystem, System
+from hhtbench.protocol.system import NumpySystem, System, declared
 
 if TYPE_CHECKING:
     from hhtbench.protocol.evidence import Evidence
@@ -236,9 +236,14 @@ def with_events(solver: Solver, problem: Problem, events: Any = None) -> Solver:
     They are the solver's own events or those found between its steps; without any it is the solver itself.
     """
     events = problem.events if events is None else events
-    listed = [*(events if isinstance(events, (list, tuple)) else [events]), *problem.samples]
-    if not listed:
+    listed = [*events] if isinstance(events, (list, tuple)) else [events]
+    if not listed and not problem.samples:
         return solver
+    layout = declared(problem.system, "layout")
+    if layout is not None:
+        from hhtbench.protocol.extension import extended_events
+
+        listed = [*extended_events(listed, layout), *problem.samples]
     from hhtbench.protocol.wrong_use import require_events
 
     require_events(listed)

@@ -8,37 +8,28 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
-from hhtbench.protocol.arguments import real_vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.events import Event
-from hhtbench.protocol.sampled import Sampled, sampling_events
-from hhtbench.protocol.scales import Scales, Unscaled
 from hhtbench.protocol.system import (
     DECLARABLE,
     PATTERNS,
     SIGNATURES,
     WITH_VELOCITY,
     NumpySystem,
-    Signature,
     System,
     declared,
     full_pattern,
 )
 
-if TYPE_CHECKING:
-    from hhtbench.protocol.problem import Problem
-
 STATES, INPUTS = "x", "u"  # names of the further arguments
 TAKE_BOTH = ("force", "state_rate", "reaction", "velocity_reaction", "energy", "power", "invariants")
 MEASURED = ("energy", "power", "invariants")
-STATE_RATE = Signature(("t", "q", "v"), ("k",))
+STATE_RATE = ("t", "q", "v")
 
 
 class Layout(NamedTuple):
@@ -51,6 +42,11 @@ class Layout(NamedTuple):
     states: int
     inputs: int
     waiting: int
+
+    @property
+    def size(self) -> int:
+        """Number of extended coordinates."""
+        return sum(self)
 
     def x(self, v: Any) -> Any:
         """States (..., k) in extended velocities."""
@@ -89,64 +85,17 @@ def extended(inner: System | NumpySystem, layout: Layout) -> Extended | NumpyExt
     ------
     TypeError
         A function takes states or inputs that it must not depend on.
+    ProblemError
+        There are inputs, and no function takes them.
     """
-    for name in SIGNATURES:
-        further = _further(declared(inner, name))
+    taken = [_further(declared(inner, name), name) for name in (*SIGNATURES, "state_rate")]
+    if layout.inputs and not any(INPUTS in one for one in taken):
+        raise ProblemError(f"the problem has sampled inputs, and no function takes u: write force(t, q, v, {INPUTS}).")
+    for name, further in zip(SIGNATURES, taken, strict=False):
         refused = [one for one in further if name not in TAKE_BOTH and (one, name) != (INPUTS, "velocity_constraint")]
         if refused:
             raise TypeError(f"{name} cannot depend on {refused[0]}; these can: {', '.join(TAKE_BOTH)}.")
     return NumpyExtended(inner, layout) if isinstance(inner, NumpySystem) else Extended(inner, layout)
-
-
-def extended_fields(problem: Problem) -> dict[str, Any]:
-    """Fields of the problem on extended coordinates.
-
-    Raises
-    ------
-    ProblemError, TypeError
-        States or inputs do not fit the system.
-    """
-    inputs = tuple(problem.inputs) if isinstance(problem.inputs, (list, tuple)) else (problem.inputs,)
-    for i, one in enumerate(inputs):
-        if not isinstance(one, Sampled):
-            raise TypeError(f"inputs[{i}] must be a hhtbench.Sampled; got {type(one).__name__}.")
-    x0 = np.zeros(0) if problem.x0 is None else real_vector("x0", problem.x0)
-    if (declared(problem.system, "state_rate") is None) != (x0.size == 0):
-        raise ProblemError(
-            "first-order states need state_rate(t, q, v, x) of the system and x0=, their start, of the problem."
-        )
-    if inputs and problem.t_span[1] < problem.t_span[0]:
-        raise ProblemError("sampled inputs have no motion backward in time: t_span must end after it starts.")
-    starts = [np.ravel(one.start) for one in inputs]
-    waiting = [start for one, start in zip(inputs, starts, strict=True) for _ in range(one.waiting)]
-    layout = Layout(problem.q0.size, x0.size, sum(map(np.size, starts)), sum(map(np.size, waiting)))
-    none = np.zeros(sum(layout[2:]))
-    return {
-        "system": extended(problem.system, layout),
-        "q0": real_vector("q0", np.concatenate([problem.q0, np.zeros_like(x0), *starts, *waiting])),
-        "v0": real_vector("v0", np.concatenate([problem.v0, x0, none])),
-        "inputs": inputs,
-        "scales": _scales(problem, layout),
-    }
-
-
-def _scales(problem: Problem, layout: Layout) -> Scales:
-    """Scales of extended coordinates; that of the integral of a state is its own times the interval."""
-    if isinstance(problem.scales, Unscaled):
-        return problem.scales
-    n, states, inputs, waiting = layout
-    of = {name: getattr(problem.scales, name) for name in ("q", "v", "x", "u")}
-    q, v, x, u = (np.broadcast_to(of[name], size) for name, size in zip(of, (n, n, states, inputs), strict=True))
-    most = np.full(waiting, np.max(u, initial=0.0))
-    span = abs(problem.t_span[1] - problem.t_span[0])
-    return replace(
-        problem.scales, q=np.concatenate([q, x * span, u, most]), v=np.concatenate([v, x, np.ones(inputs + waiting)])
-    )
-
-
-def samples_of(problem: Problem) -> tuple[Event, ...]:
-    """Periodic events by which the inputs of an extended problem are sampled."""
-    return sampling_events(problem.inputs, problem.system.layout)  # type: ignore[union-attr]
 
 
 def on_extended(inner: System | NumpySystem, layout: Layout, name: str, xp: Any) -> Any:
@@ -166,20 +115,21 @@ def on_extended(inner: System | NumpySystem, layout: Layout, name: str, xp: Any)
         return {key: _pattern(key, full_pattern(one), layout) for key, one in value.items()}
     if not callable(value):
         return value
-    given = _arguments(name, value)
+    given = arguments_of(name, value)
     results = (WITH_VELOCITY if "v" in given and name in WITH_VELOCITY else SIGNATURES)[name].results
-    called = _called(value, given, layout)
-    rates = (
-        _called(declared(inner, "state_rate"), STATE_RATE.arguments, layout) if name == "force" and layout.states else None
-    )
+    called = _called(value, given, layout, name)
+    law = declared(inner, "state_rate") if name == "force" else None
+    rates = None if law is None else _called(law, STATE_RATE, layout)
     # A reaction that takes states takes velocities, too: states are among them.
-    wanted = WITH_VELOCITY[name].arguments if name in WITH_VELOCITY and STATES in _further(value) else given
+    wanted = WITH_VELOCITY[name].arguments if name in WITH_VELOCITY and STATES in _further(value, name) else given
 
     def function(*arguments: Any) -> Any:
         named = dict(zip(wanted, arguments, strict=True))
         found = called(named)
         if name in MEASURED:
             return found
+        if name == "force" and np.shape(found) != (layout.n,):
+            raise ProblemError(f"force must return shape ({layout.n},), one entry per coordinate; got {np.shape(found)}.")
         if rates is not None:
             rate = xp.asarray(rates(named))
             if rate.shape != (layout.states,):
@@ -195,30 +145,43 @@ def on_extended(inner: System | NumpySystem, layout: Layout, name: str, xp: Any)
     return function
 
 
-def _further(function: Any) -> list[str]:
-    """Which of states and inputs the function takes."""
+def _further(function: Any, name: str) -> list[str]:
+    """Which of states and inputs the function ``name`` takes behind its other arguments.
+
+    Raises
+    ------
+    TypeError
+        One stands before them.
+    """
     if not callable(function):
         return []
     try:
-        parameters = inspect.signature(function).parameters
+        parameters = list(inspect.signature(function).parameters)
     except ValueError:  # a function of C
         return []
-    return [name for name in (STATES, INPUTS) if name in parameters]
+    own = len(STATE_RATE if name == "state_rate" else SIGNATURES[name].arguments)
+    further = [one for one in (STATES, INPUTS) if one in parameters[own:]]
+    before = parameters[: parameters.index("lam")] if name in WITH_VELOCITY and "lam" in parameters else []
+    if any(one in before for one in further):
+        raise TypeError(f"{name} takes states and inputs behind lam; it is declared with ({', '.join(parameters)}).")
+    return further
 
 
-def _arguments(name: str, function: Any) -> tuple[str, ...]:
-    """The protocol's arguments of the function before states and inputs."""
+def arguments_of(name: str, function: Any) -> tuple[str, ...]:
+    """The protocol's arguments of the function ``name`` before states and inputs."""
     options = [signatures[name].arguments for signatures in (SIGNATURES, WITH_VELOCITY) if name in signatures]
     try:
-        count = len(inspect.signature(function).parameters) - len(_further(function))
+        count = len(inspect.signature(function).parameters) - len(_further(function, name))
     except ValueError:
         count = len(options[0])
     return next((one for one in options if len(one) == count), options[0])
 
 
-def _called(function: Callable[..., Any], given: tuple[str, ...], layout: Layout) -> Callable[[dict[str, Any]], Any]:
-    """The function of extended arguments by name."""
-    further = _further(function)
+def _called(
+    function: Callable[..., Any], given: tuple[str, ...], layout: Layout, name: str = "state_rate"
+) -> Callable[[dict[str, Any]], Any]:
+    """The function ``name`` of extended arguments by name."""
+    further = _further(function, name)
 
     def call(named: dict[str, Any]) -> Any:
         own = [named[one][: layout.n] if one in ("q", "v") else named[one] for one in given]
@@ -237,6 +200,8 @@ def _padded(value: Any, letters: str, more: int, xp: Any) -> Any:
 def _with_ones(mass: Any, n: int, more: int, xp: Any) -> Any:
     """The mass matrix with unit masses of the further coordinates."""
     mass = xp.asarray(mass)
+    if mass.shape not in ((), (n,), (n, n)):
+        raise ProblemError(f"mass_matrix must be a number, ({n},) or ({n}, {n}); got {mass.shape}.")
     if mass.ndim < 2:
         return xp.concatenate([xp.broadcast_to(mass, (n,)), xp.ones(more)])
     return xp.pad(mass, [(0, more)] * 2) + xp.diag(xp.concatenate([xp.zeros(n), xp.ones(more)]))

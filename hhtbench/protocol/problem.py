@@ -107,7 +107,7 @@ class Problem(Printed):
             if value is not None:
                 object.__setattr__(self, name, real_vector(name, value))
         further = self.x0 is not None or np.size(self.inputs) or declared(self.system, "state_rate") is not None
-        if further and declared(self.system, "layout") is None:
+        if further or declared(self.system, "layout") is not None:
             for name, value in _extension().extended_fields(self).items():
                 object.__setattr__(self, name, value)
 
@@ -127,7 +127,10 @@ class Problem(Printed):
         if t_span is None and q0 is None and v0 is None:
             return self
         n = self.q0.size
-        given: dict[str, Any] = {name: real_vector(name, x, n) for name, x in (("q0", q0), ("v0", v0)) if x is not None}
+        if declared(self.system, "layout") is not None:
+            given: dict[str, Any] = _extension().restart(self, q0, v0)
+        else:
+            given = {name: real_vector(name, x, n) for name, x in (("q0", q0), ("v0", v0)) if x is not None}
         given |= {} if t_span is None else {"t_span": t_span}
         return dataclasses.replace(self, **given, exact=None, reference=None, minimal=None)
 
@@ -136,7 +139,7 @@ class Problem(Printed):
         none: dict[str, Any] = dict.fromkeys(("lam_guess", "mu_guess", "exact", "reference", "minimal"))
         layout = declared(self.system, "layout")
         if layout is not None and declared(system, "layout") is None:
-            system = _extension().extended(system, layout)
+            system = importlib.import_module("hhtbench.protocol.extended").extended(system, layout)
         return dataclasses.replace(self, system=system, **none)
 
     @property
@@ -165,4 +168,4 @@ class Solver(Protocol):
 
 def _extension() -> Any:
     """The module on states and inputs, imported where a problem has some."""
-    return importlib.import_module("hhtbench.protocol.extended")
+    return importlib.import_module("hhtbench.protocol.extension")

@@ -25,7 +25,8 @@ class Sampled:
     ----------
     law
         ``(t, q, v)`` to the input, a number or an array of the shape of ``start``.  JAX does not trace it.  With arguments
-        ``x`` and ``u`` it also takes the states (k,) and all inputs as last sampled, such as its own memory.
+        ``x`` and ``u`` it also takes the states (k,) and all inputs as last sampled, such as its own memory.  Of inputs that
+        are sampled at one time the first is sampled first.
     every
         Time [s] between samples; the first is at the start.
     delay

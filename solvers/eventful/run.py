@@ -45,7 +45,7 @@ class Run:
         self.ahead, self.length = float(np.sign(self.end - t)), FIRST * abs(self.end - t)
         self.runs = SolverRuns(solver, request, abs(self.end - t), clock)
         self.work = self.runs.work
-        self.rows, self.parts = Rows(problem.q0.size), list[tuple[Solution, int]]()  #: runs and how many of their rows hold
+        self.rows, self.parts = Rows(problem.q0.size), list[Solution]()  #: runs, if dense output is asked for
         self.pieces: list[tuple[int, PhaseFunctions, Point, float]] = []  #: motions without changes: phase, start, end [s]
         self.occurrences: tuple[list[Occurrence], ...] = tuple([] for _ in events)
         self.known: Vector | None = None  #: (2k,) event functions, then roundoff of those at a zero
@@ -83,7 +83,7 @@ class Run:
             v_events=tuple(np.array([o.v for o in each]).reshape(-1, n) for each in self.occurrences),
             phases=self.rows.phases(self.begun) if len(self.begun) > 1 else (),
             impacts=tuple(self.impacts),
-            interpolant=joined(self.parts),
+            interpolant=joined(self.parts, float(rows["t"][-1]) if rows["t"].size else 0.0),
         )
 
     def _advance(self) -> Failure | None:
@@ -284,7 +284,7 @@ class Run:
         """Keep the rows of ``part`` before row ``end``; the first one only if the motion begins there."""
         self.rows.keep(len(self.begun) - 1, part, slice(0 if self.fresh else 1, end))
         if self.request.dense_output:
-            self.parts.append((part, end))
+            self.parts.append(part)
 
 
 def _resolved(t: float) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 from numbers import Real
 from typing import Any
 
@@ -98,7 +99,7 @@ def _law(control: Any, gear: float, gain: float, start: float, limits: Any) -> A
     """Effort over time; of a number that is a parameter."""
     numbers = [float(x) for x in (gear, gain, start, *limits[0], *limits[1])]
     if callable(control):
-        return functools.partial(_effort_of, control, *numbers)
+        return _EffortOf(control, numbers)
     if isinstance(control, bool) or not isinstance(control, Real) or not np.isfinite(float(control)):
         raise ProblemError(f"a control must be a number or a function of time; got {control!r}.")
     return functools.partial(_effort, float(control), *numbers)
@@ -109,6 +110,12 @@ def _effort(u: Any, gear: Any, gain: Any, start: Any, low: Any, high: Any, least
     return gear * jnp.clip(gain * jnp.clip(u, low, high) + start, least, most) + 0.0 * t
 
 
-def _effort_of(control: Any, *given: Any) -> Any:
-    """Force of a control that is a function of time."""
-    return _effort(control(given[-1]), *given)
+class _EffortOf:
+    """Force of a control that is a function, of time or of what it names."""
+
+    def __init__(self, control: Any, numbers: list[float]) -> None:
+        self._control, self._numbers = control, numbers
+        self.__signature__ = inspect.signature(control)
+
+    def __call__(self, *given: Any) -> Any:
+        return _effort(*[self._control(*given), *self._numbers, 0.0])

@@ -165,7 +165,7 @@ class Mechanism(Signals):
 
     def _loads(self) -> Loads:
         rows = self.rows["load"]
-        torques = tuple(of_time(row.more["torques"], (*OWN, *self.signals)) for row in rows)
+        torques = tuple(of_time(row.more["torques"], (*OWN, *self.signals), strict=bool(self.signals)) for row in rows)
         follows, made = tuple(row.more["follows"] for row in rows), self.rows_of("load")
         return Loads(made, column(rows, "force"), column(rows, "torque"), torques=torques, follows=follows)
 

@@ -221,15 +221,20 @@ class Parts:
 
     def rows_of(self, family: str) -> Rows:
         """All rows of a family as arrays."""
-        acting = family in ("load", "drive", "swivel")
-        return self.arrays(self.rows[family], ("t", "q", "v", *self.signals) if acting else ())
+        if family in ("load", "drive", "swivel"):
+            return self.arrays(self.rows[family], ("t", "q", "v", *self.signals))
+        for row in self.rows[family]:
+            law = of_time(row.law, tuple(self.signals))
+            if law is not None and law.takes != ("t",):
+                raise ProblemError(f"the law of a prescribed motion takes time alone; got {', '.join(law.takes)}.")
+        return self.arrays(self.rows[family])
 
     def arrays(self, rows: list[Row], names: tuple[str, ...] = ()) -> Rows:
         """Rows as arrays; ``names`` of what their laws may take."""
         first, second = (tuple(self.number(row.bodies[side]) for row in rows) for side in (0, 1))
         a, b = np.array([row.points for row in rows]).swapaxes(0, 1)
         u, w, y = np.array([row.directions for row in rows]).swapaxes(0, 1)
-        laws = tuple(of_time(row.law, names) for row in rows)
+        laws = tuple(of_time(row.law, names, strict=bool(names and self.signals)) for row in rows)
         value = np.array([row.value for row in rows])
         return Rows(first=first, second=second, laws=laws, a=a, b=b, u=u, w=w, y=y, value=value)
 

@@ -43,13 +43,13 @@ class OfTime(eqx.Module):
         return self.function(*(next(numbers) if x is None else x for x in self.integers), *at)
 
 
-def of_time(law: Law | None, names: tuple[str, ...] = ()) -> OfTime | None:
+def of_time(law: Law | None, names: tuple[str, ...] = (), *, strict: bool = False) -> OfTime | None:
     """``law`` as an object whose parameters are the numbers of a ``functools.partial``; None without a law.
 
     Integers, which may count or index, stay what they are: a new one compiles anew.  ``names`` are those of the arguments
-    that it may take instead of time.
+    that it may take instead of time.  A single argument of another name is time, unless ``strict``.
     """
-    takes = _taken(law, names)
+    takes = _taken(law, names, strict)
     if isinstance(law, functools.partial) and not law.keywords and all(np.asarray(x).dtype.kind in "iuf" for x in law.args):
         integers = tuple(operator.index(x) if isinstance(x, Integral) else None for x in law.args)
         numbers = (jnp.asarray(x, dtype=float) for x, integer in zip(law.args, integers, strict=True) if integer is None)
@@ -57,8 +57,8 @@ def of_time(law: Law | None, names: tuple[str, ...] = ()) -> OfTime | None:
     return law if law is None else OfTime(law, takes=takes)
 
 
-def _taken(law: Law | None, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of the arguments of ``law``; "t" if it has one of another name."""
+def _taken(law: Law | None, names: tuple[str, ...], strict: bool) -> tuple[str, ...]:
+    """Names of the arguments of ``law``; "t" for one of another name."""
     try:
         parameters = () if law is None else inspect.signature(law).parameters.values()
     except ValueError:  # a function of C
@@ -66,7 +66,7 @@ def _taken(law: Law | None, names: tuple[str, ...]) -> tuple[str, ...]:
     found = tuple(one.name for one in parameters if one.kind <= one.POSITIONAL_OR_KEYWORD and one.default is one.empty)
     if found and all(name in names for name in found):
         return found
-    if len(found) > 1:
+    if len(found) > 1 or (found and strict):
         known = f"or any of {', '.join(names)}" if names else "and nothing else"
         raise ProblemError(f"a law takes time, {known}; got the arguments {', '.join(found)}.")
     return ("t",)

@@ -27,7 +27,7 @@ class Signal:
 
     law: Callable[..., Any]
     start: Any
-    scale: float = 1.0
+    scale: float | None = None
     every: float | None = None  #: [s] between samples; None for a state
     delay: float = 0.0
 
@@ -59,7 +59,7 @@ class Rates(eqx.Module):
 class Signals(Composites):
     """Bodies, joints, forces, states and inputs."""
 
-    def state(self, name: str, rate: Callable[..., Any], start: Any = 0.0, *, scale: float = 1.0) -> str:
+    def state(self, name: str, rate: Callable[..., Any], start: Any = 0.0, *, scale: float | None = None) -> str:
         """First-order state, a number or (k,) from ``start``, whose rate is a function in ``jax.numpy``.
 
         The function takes, by these names, any of ``t``, ``q``, ``v`` and the states and inputs of the mechanism; so may
@@ -67,14 +67,23 @@ class Signals(Composites):
         """
         return self._signal(name, Signal(law=rate, start=real_array(f"start of {name!r}", start), scale=scale))
 
-    def input(self, name: str, law: Callable[..., Any], *, every: float, delay: float = 0.0, start: Any = 0.0) -> str:
+    def input(
+        self,
+        name: str,
+        law: Callable[..., Any],
+        *,
+        every: float,
+        delay: float = 0.0,
+        start: Any = 0.0,
+        scale: float | None = None,
+    ) -> str:
         """Input that is held between samples, as that of a digital controller: see :class:`hhtbench.Sampled`.
 
         ``law`` takes arguments by name as the functions of states do, and returns the shape of ``start``; inputs it takes
-        are those sampled last.
+        are those sampled last, its own by its own name.
         """
         kept = Sampled(law, every, delay, start, name)
-        return self._signal(name, Signal(law=law, start=kept.start, every=every, delay=delay))
+        return self._signal(name, Signal(law=law, start=kept.start, every=every, delay=delay, scale=scale))
 
     def _signal(self, name: str, signal: Signal) -> str:
         self._expect_new(name)
@@ -82,7 +91,8 @@ class Signals(Composites):
             raise ProblemError(f"a state or input must have a Python name other than {', '.join(OWN)}; got {name!r}.")
         if not callable(signal.law):
             raise TypeError(f"the law of {name!r} must be a function; got {type(signal.law).__name__}.")
-        self._expect_numbers(name, 0.0, scale=signal.scale)
+        if signal.scale is not None:
+            self._expect_numbers(name, 0.0, scale=signal.scale)
         self.signals[name] = signal
         return name
 
@@ -94,7 +104,7 @@ class Signals(Composites):
 
     def _state_rates(self) -> Rates | None:
         known = (*OWN, *self.signals)
-        laws = tuple(of_time(one.law, known) for one in self.signals.values() if one.every is None)
+        laws = tuple(of_time(one.law, known, strict=True) for one in self.signals.values() if one.every is None)
         return Rates(laws) if laws else None  # type: ignore[arg-type]
 
     def _options(self, options: dict[str, Any]) -> dict[str, Any]:
@@ -102,17 +112,22 @@ class Signals(Composites):
         states = [one for one in self.signals.values() if one.every is None]
         names, known = self._names(), (*OWN, *self.signals)
         inputs = [
-            Sampled(_Law(of_time(one.law, known), names), one.every, one.delay, one.start, name)
+            Sampled(_Law(of_time(one.law, known, strict=True), names), one.every, one.delay, one.start, name)
             for name, one in self.signals.items()
             if one.every is not None
         ]
         found: dict[str, Any] = {"inputs": inputs} if inputs else {}
         if states:
             found["x0"] = np.concatenate([np.ravel(one.start) for one in states])
-            scales = options.get("scales", Scales())
-            sizes = np.concatenate([np.full(np.size(one.start), one.scale) for one in states])
-            options = options | {"scales": replace(scales, x=sizes)}
+        if any(one.scale is not None for one in self.signals.values()):
+            sizes = {"x": states, "u": [one for one in self.signals.values() if one.every is not None]}
+            more = {name: np.concatenate([np.zeros(0), *map(_sizes, some)]) for name, some in sizes.items()}
+            options = options | {"scales": replace(options.get("scales", Scales()), **more)}
         return found | options
+
+
+def _sizes(one: Signal) -> Any:
+    return np.full(np.size(one.start), 1.0 if one.scale is None else one.scale)
 
 
 class _Law:
