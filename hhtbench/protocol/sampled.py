@@ -98,7 +98,7 @@ def _sampled(
     """Change of (q, v) by a sample: stored samples move on by one place."""
     q, v = np.array(q), np.asarray(v)
     more = {"x": layout.x(v), "u": np.concatenate([q[place] for place in newest])}
-    taken = {name: more[name] for name in more if name in inspect.signature(one.law).parameters}
+    taken = {name: more[name] for name in [*inspect.signature(one.law).parameters][3:] if name in more}
     value = real_values(f"the law of {one.name!r}", one.law(t, q[: layout.n], v[: layout.n], **taken))
     if value.shape != one.start.shape:
         raise ProblemError(f"the law of {one.name!r} must return shape {one.start.shape}, as start; got {value.shape}.")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -283,3 +285,103 @@ def test_wrong_states_and_inputs_are_refused_by_name():
 
     with pytest.raises(TypeError, match="constraint cannot depend on u"):
         hb.Problem(system=Moving(), inputs=hb.Sampled(balance, every=1), **start)
+
+
+class Fading(hb.System):
+    """A unit mass that a state pushes, which fades."""
+
+    def force(self, t, q, v, x):
+        return x
+
+    def state_rate(self, t, q, v, x):
+        return -x
+
+
+FADING = {"name": "fading", "t_span": (0, 1), "q0": [-0.2], "v0": [1], "x0": [1]}
+
+
+@pytest.mark.parametrize("solver", ["hht", "cvode"])
+def test_events_and_their_changes_have_the_own_coordinates(solver):
+    stop = hb.Event(lambda t, q, v: q[-1], change=lambda t, q, v: (q, -0.5 * v), direction=1, name="stop")
+    half = hb.Event(lambda t, q, v, x: x[0] - 0.5, name="half")
+    reset = hb.Event(lambda t, q, v: t - 0.9, change=lambda t, q, v, x: (q, v, x + 1.0), direction=1, name="reset")
+    run = hb.solve(hb.Problem(system=Fading(), **FADING, events=[stop, half, reset]), solver, rtol=1e-8)
+    assert run.success
+    assert run.t_events[1] == pytest.approx([np.log(2)], abs=1e-6)
+    assert run.x[-1, 0] == pytest.approx(np.exp(-1) + np.exp(-0.1), abs=1e-6)
+    assert run.t_events[0].size == 1
+
+
+def test_a_problem_with_states_is_changed_like_any_other():
+    problem = hb.Problem(system=Fading(), **FADING)
+    again = dataclasses.replace(problem, x0=[7], scales=hb.Scales(x=3.0))
+    assert again.v0.tolist() == [1, 7]
+    assert again.scales.v.tolist() == [1.0, 3.0]
+    moved = problem.starting(q0=[0.5], v0=[2.0])
+    assert (moved.q0[0], moved.v0.tolist()) == (0.5, [2.0, 1.0])
+    run = hb.solve(problem, rtol=1e-8, q0=[0.5])
+    assert run.q[0, 0] == 0.5
+    onward = problem.starting((1, 2), run.q[-1], run.v[-1])
+    assert onward.x0 == pytest.approx(run.x[-1])
+    inputs = hb.Sampled(lambda t, q, v: 1.0, every=0.1)
+    pushed = hb.Problem(system=Pushed(), name="pushed", t_span=(0, 1), q0=[0], v0=[0], inputs=inputs)
+    slower = dataclasses.replace(pushed, inputs=hb.Sampled(lambda t, q, v: 2.0, every=0.5))
+    assert hb.solve(slower, rtol=1e-6).q[-1, 0] == pytest.approx(1.0)
+    with pytest.raises(hb.ProblemError, match="make a new Problem"):
+        dataclasses.replace(pushed, inputs=hb.Sampled(lambda t, q, v: 2.0, every=0.5, delay=0.5))
+    with pytest.raises(hb.ProblemError, match="backward"):
+        hb.solve(pushed, t_span=(1, 0))
+    with pytest.raises(hb.ProblemError, match=r"must have shape \(1,\), or \(2,\)"):
+        problem.starting(q0=[1, 2, 3])
+
+
+def test_a_system_without_a_law_of_the_states_keeps_them():
+    class Still(hb.System):
+        def force(self, t, q, v, x):
+            return 0 * x - v
+
+    event = hb.Event(lambda t, q, v: t - 0.5, direction=1, then=Still(), name="still")
+    run = hb.solve(hb.Problem(system=Fading(), **FADING, events=event), rtol=1e-8)
+    assert run.success
+    assert np.allclose(run.x[run.phases[1].rows], np.exp(-0.5), atol=1e-6)
+
+
+def test_campaigns_and_trades_take_sampled_inputs():
+    found = hb.trade(HELD, accuracies=[1e-3], seconds=20, solvers=["hht", "projected"])
+    assert "Take" in found.sentence
+
+
+HELD = hb.Problem(
+    name="held",
+    system=Pushed(),
+    t_span=(0, 1),
+    q0=[1],
+    v0=[0],
+    inputs=hb.Sampled(lambda t, q, v: -4 * q[0] - 3 * v[0], every=0.1),
+)
+
+
+def test_functions_in_the_wrong_form_are_refused():
+    class Swapped(hb.System):  # a state that is named where coordinates stand
+        def force(self, t, x, v, u):
+            return u - x
+
+    inputs = hb.Sampled(lambda t, x, v: -x[0], every=0.1)
+    start = {"name": "swapped", "t_span": (0, 1), "q0": [1], "v0": [0], "inputs": inputs}
+    assert hb.solve(hb.Problem(system=Swapped(), **start), rtol=1e-6).success
+
+    class Deaf(hb.System):
+        def force(self, t, q, v):
+            return -q
+
+    class Heavy(Pushed):
+        mass_matrix: object = hb.parameter([1.0, 2.0, 3.0])
+
+    with pytest.raises(hb.ProblemError, match="no function takes u"):
+        hb.Problem(system=Deaf(), **start)
+    with pytest.raises(hb.ProblemError, match=r"mass_matrix must be a number, \(1,\) or \(1, 1\); got \(3,\)"):
+        hb.solve(hb.Problem(system=Heavy(), **start), rtol=1e-4)
+    with pytest.raises(hb.ProblemError, match=r"scales\.q must be a number or have shape \(1,\)"):
+        hb.Problem(system=Pushed(), **start, scales=hb.Scales(q=[1, 1, 1]))
+    with pytest.raises(hb.ProblemError, match="takes no exact"):
+        hb.Problem(system=Pushed(), **start, exact=lambda t: None)

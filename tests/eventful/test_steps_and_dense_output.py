@@ -73,3 +73,22 @@ def test_lengths_of_steps_are_declined_with_switches():
     run = hb.solve(bouncing(1.0), "hht", steps=np.full(10, 0.1))
     assert run.status is hb.Status.declined
     assert "steps=N" in run.message
+
+
+@pytest.mark.parametrize("solver", ["hht", "cvode"])
+def test_dense_output_ends_where_a_terminal_event_does(solver):
+    lands = hb.Event(lambda t, q, v: q[0], direction=-1, restitution=0.5, terminal=True, name="lands")
+    problem = hb.Problem(name="ball", system=Ball(), t_span=(0, 1.0), q0=[1.0], v0=[0.0], events=lands)
+    run = hb.solve(problem, solver, rtol=1e-8, dense_output=True)
+    assert run(FIRST - 1e-3).q[0] == pytest.approx(G * FIRST * 1e-3, rel=1e-2)
+    with pytest.raises(hb.ProblemError, match="covers"):
+        run(0.5)
+
+
+@pytest.mark.parametrize("solver", ["cvode", "ida"])
+def test_rebounds_of_bound_bodies_go_on_from_the_constraints(solver):
+    wall = hb.Event(lambda t, q, v: q[0], direction=-1, restitution=0.7, name="wall")
+    start = {"q0": [np.sin(1.0), -np.cos(1.0)], "v0": [0.0, 0.0], "events": wall}
+    run = hb.solve(hb.Problem(name="wall", system=Pendulum(), t_span=(0, 4), **start), solver, rtol=1e-5)
+    assert run.success
+    assert run.t_events[0].size > 3

@@ -86,3 +86,39 @@ def test_wrong_signals_are_refused_by_name():
         hb.equilibrium(problem)
     with pytest.raises(hb.ProblemError, match="states or sampled inputs"):
         hb.modes(problem)
+
+
+def sliding():
+    m = Mechanism(gravity=(0, 0), plane=True)
+    m.body("block", 1.0, 0.1)
+    m.prismatic("P", "ground", "block", at=(0, 0), axis=(1, 0))
+    m.state("torque", lambda torque: -torque, start=1.0)
+    return m
+
+
+def test_misspelt_names_are_not_time():
+    for wrong in (
+        lambda m: m.actuator("a", "P", lambda torqe: torqe),
+        lambda m: m.load("a", "block", force=lambda torqe: jnp.stack([torqe, 0])),
+        lambda m: m.load("a", "block", torque=lambda torqe: torqe),
+        lambda m: m.state("other", lambda torqe: torqe),
+        lambda m: m.input("other", lambda torqe: torqe, every=1),
+    ):
+        m = sliding()
+        wrong(m)
+        with pytest.raises(hb.ProblemError, match="arguments torqe"):
+            m.problem((0, 1))
+    m = sliding()
+    m.motor("M", "P", lambda torque: torque)
+    with pytest.raises(hb.ProblemError, match="takes time alone; got torque"):
+        m.problem((0, 1))
+
+
+def test_sizes_of_states_and_inputs_do_not_scale_a_problem_that_has_none():
+    assert sliding().problem((0, 1)).note_on_scales
+    m = sliding()
+    m.input("push", lambda t: 1e4, every=0.1, scale=1e4)
+    m.actuator("a", "P", lambda push: push)
+    problem = m.problem((0, 1), scales=hb.Scales(v=2.0))
+    assert problem.scales.v.tolist() == [2.0, 2.0, 2.0, 1.0, 1.0]
+    assert problem.scales.q[-1] == 1e4
