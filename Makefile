@@ -24,7 +24,7 @@ JOBS ?= 2
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/installed
-FAULTS := $(addprefix tests/campaign/,$(addsuffix .py,test_run_faults test_disk_faults test_damage test_execute test_store test_interruption))
+FAULTS := $(addprefix tests/campaign/,$(addsuffix .py,test_run_faults test_disk_faults test_damage test_execute test_store test_interruption test_cluster test_without_guard))
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
 # Compiled functions are kept between runs, so that a second run does not compile again; Python's bytecode too, which
