@@ -305,6 +305,7 @@ def test_the_fit_of_the_page_is_the_least_squares_solution_and_finds_the_paramet
     np.testing.assert_allclose(scope["deviations"], deviations, rtol=0.01)
 
 
+@pytest.mark.long  # README runs a campaign, too
 def test_the_campaign_of_the_page_reaches_its_errors_and_tells_costs(capsys, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     scope = run_page("campaigns.md")

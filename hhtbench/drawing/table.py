@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import inspect
+import math
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from hhtbench.campaign.reference.plan import Entry, registered_plans
@@ -13,7 +15,7 @@ from hhtbench.catalogue import plugins
 from hhtbench.catalogue.registry import THUMBNAILS, list_problems, load_problem
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.problem import Problem
-from hhtbench.protocol.system import declared
+from hhtbench.protocol.system import System, declared
 
 BEGIN, END = "<!-- table: hhtbench show --table -->", "<!-- end of table -->"
 HEADS = ("", "name and parameters", "n/m/p", "tags", "values to compare with", "source", "good for")
@@ -81,7 +83,14 @@ def _sizes(problem: Problem) -> tuple[int, int, int]:
     """Return the numbers of coordinates, position constraints and velocity constraints (n, m, p)."""
     t, q, v = problem.t_span[0], problem.q0, problem.v0
     g, k = (declared(problem.system, name) for name in ("constraint", "velocity_constraint"))
-    return q.size, np.size(g(t, q)) if g else 0, np.size(k(t, q, v)) if k else 0
+    return q.size, _size(problem, g, t, q), _size(problem, k, t, q, v)
+
+
+def _size(problem: Problem, rows: Any, *at: Any) -> int:
+    """Return how many ``rows`` there are; JAX need not compile them to say so."""
+    if rows is None:
+        return 0
+    return math.prod(jax.eval_shape(rows, *at).shape) if isinstance(problem.system, System) else np.size(rows(*at))
 
 
 def _values(name: str, problem: Problem, plan: dict[str, Entry]) -> str:

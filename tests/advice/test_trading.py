@@ -68,6 +68,7 @@ def test_without_a_reference_nothing_is_judged_and_the_reason_is_told_with_what_
     assert "no weight falls here" in found.sentence
 
 
+@pytest.mark.long
 def test_a_crane_whose_trolley_follows_a_table_gets_advice_that_names_the_jumps():
     """An answer to 6e-6 was called unreliable, and nothing was certified: at the kinks of the table velocities jump."""
     found = hb.trade(f"{CRANE}:crane", accuracies=[1e-2], solvers=["hht"], **ASKED)

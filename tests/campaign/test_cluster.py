@@ -63,6 +63,7 @@ def results(store: Path) -> dict[str, tuple[str, object, object]]:
     return {row.key: (row.status, row.metrics, row.counters) for row in load_rows(store)}
 
 
+@pytest.mark.long
 def test_times_are_taken_here_and_carry_the_machine(cluster, tmp_path: Path):
     options = ["--executor", "dask", "--scheduler", cluster.scheduler_address]
     assert "1 timed now" in run(tmp_path / "runs.db", "--solvers", "told", "--rtol", "1e-3", *options)

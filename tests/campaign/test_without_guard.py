@@ -71,6 +71,7 @@ def test_a_function_of_a_problem_cannot_start_a_campaign(here):
     assert "hb.run and hb.trade cannot be called in a worker process" in row.message
 
 
+@pytest.mark.long
 def test_problem_objects_of_a_script_are_run_and_traded_in_its_process_which_is_said(here):
     run, trade = RUN.format("fall"), TRADE.format("fall")
     found, other = said_by("-", text=FALL + run), said_by("-c", f"exec({FALL + run + trade!r}, {{'__name__': '__main__'}})")
@@ -90,6 +91,7 @@ def test_a_problem_object_of_an_imported_file_is_named_by_it_until_the_file_chan
     assert found.stderr.count("No imported file holds") == 1
 
 
+@pytest.mark.long
 def test_a_problem_object_gives_the_numbers_that_its_file_gives(here):
     fall = hb.load_problem("fall.py:fall")
     asked = {"rtol": [1e-3, 1e-5], "timing": False, "jobs": 1}

@@ -52,6 +52,7 @@ def test_it_passes_every_check_but_those_known_to_fail(installed, tmp_path):
     assert counts["xfailed"] == len(EXPECTED)
 
 
+@pytest.mark.long
 def test_an_unexpected_pass_fails(installed, tmp_path):
     found = in_one_line(installed, tmp_path, "-k", "name", expected={"name": "it had none once"})
     assert found.returncode == 1
@@ -65,6 +66,7 @@ def test_a_name_that_no_check_has_is_told(installed, tmp_path):
     assert "Did you mean position/rows" in found.stdout
 
 
+@pytest.mark.long
 def test_files_that_are_named_are_run_beside_the_checks(installed, tmp_path):
     (tmp_path / "test_own.py").write_text("def test_own():\n    pass\n")
     found = in_one_line(installed, tmp_path, "test_own.py", "--collect-only", "-k", "own or name")

@@ -11,6 +11,7 @@ import hhtbench as hb
 from hhtbench.protocol.problem import Problem
 from hhtbench.protocol.system import System
 from hhtbench.solution.result import Status
+from tests.sample import slow
 
 SOLVERS = ("hht", "ida(form=ggl)", "cvode", "scipy(method=Radau)", "projected")
 
@@ -60,7 +61,7 @@ def test_functions_whose_sparsity_cannot_be_read_are_solved_with_full_matrices(s
     assert np.isfinite(found.lam).all()
 
 
-@pytest.mark.parametrize("solver", ["hht", "cvode", "ida(form=ggl)"])
+@pytest.mark.parametrize("solver", [slow("hht"), "cvode", "ida(form=ggl)"])
 def test_large_systems_move_without_their_redundant_rows(solver):
     with pytest.warns(UserWarning, match=r"rank 140 of 141 rows; dependent on the others: rows \[140\]"):
         found = hb.solve(DOUBLED, solver, rtol=1e-3)

@@ -14,6 +14,7 @@ import hhtbench as hb
 from hhtbench.mechanics import Mechanism
 from hhtbench.protocol.errors import ProblemError
 from solvers.hht.events.functions import seen_by
+from tests.sample import slow
 
 Z = (0.0, 0.0, 1.0)
 
@@ -50,7 +51,7 @@ def driven():
     return m, hb.solve(m.problem((0, 0.5)), "projected", rtol=1e-8, t_eval=np.linspace(0, 0.5, 6))
 
 
-@pytest.mark.parametrize("plane", [True, False])
+@pytest.mark.parametrize("plane", [slow(True), False])
 def test_a_clock_spring_wound_by_turns_pushes_as_one_degree_of_freedom_says(plane):
     """From 5 rad, three turns from rest, and back by less than a turn: ``J w' = -k (angle - free) - c w``."""
     m = wheel(plane, angle=5.0)
@@ -71,7 +72,7 @@ def test_a_spring_in_space_ends_the_run_where_its_turns_cannot_be_counted():
     np.testing.assert_allclose(m.of(solution, "A").angle()[-1], -(2 * np.pi - 0.5), atol=1e-3)
 
 
-@pytest.mark.parametrize("plane", [True, False])
+@pytest.mark.parametrize("plane", [True, slow(False)])
 def test_angle_of_a_joint_by_name_stops_a_run_as_machine_code(plane):
     m = wheel(plane, angle=0.5, rate=2.0)
     angle, rate = m.measure("A"), m.measure("A", rate=True)

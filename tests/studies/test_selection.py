@@ -77,6 +77,7 @@ def test_at_least_eighty_scenes_are_drawn_the_same_every_time_within_their_range
             assert 0.99 * low - 0.01 <= float(values[name]) <= 1.01 * high + 0.01
 
 
+@pytest.mark.long
 def test_the_database_of_the_package_is_judged_without_a_run():
     found = study_selection()
     assert found.scenes >= 90
