@@ -75,7 +75,7 @@ def describe(what: Problem | System | NumpySystem) -> Description:
         ``what`` is none of the three.
     """
     if isinstance(what, Problem):
-        system, title = what.system, f"{what.name}: {type(what.system).__name__}"
+        system, title = what.system, f"{what.name}: {type(getattr(what.system, 'inner', what.system)).__name__}"
         rows = [*_declared(system), *_of_problem(what)]
     elif isinstance(what, (System, NumpySystem)):
         system, title = what, type(what).__name__
@@ -86,6 +86,11 @@ def describe(what: Problem | System | NumpySystem) -> Description:
 
 
 def _declared(system: System | NumpySystem) -> list[Statement]:
+    layout = declared(system, "layout")
+    if layout is not None:
+        text = f"{layout.states} states, {layout.inputs} inputs, {layout.waiting} samples on their way"
+        further = Statement("declared", "states, inputs", text, "each is one more coordinate, which n counts")
+        return [*_declared(declared(system, "inner")), further]
     rows = []
     for name in DECLARABLE:
         value = declared(system, name)

@@ -385,3 +385,9 @@ def test_functions_in_the_wrong_form_are_refused():
         hb.Problem(system=Pushed(), **start, scales=hb.Scales(q=[1, 1, 1]))
     with pytest.raises(hb.ProblemError, match="takes no exact"):
         hb.Problem(system=Pushed(), **start, exact=lambda t: None)
+
+
+def test_a_description_names_states_and_inputs():
+    text = str(hb.describe(HELD))
+    assert text.startswith("held: Pushed")
+    assert "0 states, 1 inputs" in text
