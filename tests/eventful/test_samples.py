@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pickle
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -83,3 +85,10 @@ def test_wrong_periods_loops_and_starts_are_refused():
     off = hb.Problem(name="crane", system=Crane(), t_span=(0.0, 1.0), q0=[0.0, 0.0, -3.0], v0=[0.0] * 3)
     found = hb.solve(off, "projected", rtol=1e-6, events=[hb.Event.every(0.1, lambda t, q, v: (q, v))])
     assert found.status.label == "inconsistent_initial"
+
+
+def test_an_unpickled_problem_is_sampled():
+    start = {"t_span": (0.0, 4 * PERIOD), "q0": [1.0, 0.0], "v0": [0.0, 0.0], "events": SAMPLE}
+    problem = pickle.loads(pickle.dumps(hb.Problem(name="held", system=Held(), **start)))
+    found = hb.solve(problem, "projected", rtol=1e-8)
+    np.testing.assert_allclose(found.q[-1, 0], states(4)[-1, 0], atol=1e-7)

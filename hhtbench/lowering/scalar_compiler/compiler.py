@@ -218,7 +218,10 @@ def native_call(native: Native, shapes: Shapes) -> Callable[..., np.ndarray | No
             return None
         for argument, (place, shape) in zip(arguments, places, strict=False):
             if type(argument) is np.ndarray:
-                if argument.dtype is not FLOAT or argument.shape != shape:
+                other = (
+                    argument.dtype is not FLOAT and argument.dtype != FLOAT
+                )  # an unpickled array's type is another object
+                if other or argument.shape != shape:
                     return None
             elif shape or type(argument) is not float:
                 return None
