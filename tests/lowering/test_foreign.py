@@ -18,6 +18,7 @@ from solvers.hht import HHT
 from tests.hht.scenes import Q0, V0, pendulum
 from tests.lowering.native import native_pieces
 from tests.lowering.systems import RICH_NUMPY, RUBBING_NUMPY
+from tests.sample import slow
 
 
 def arguments_of(name, structure, random):
@@ -74,7 +75,8 @@ def test_a_function_that_raises_leaves_its_result_unset_and_its_exception_there(
     assert bad.callbacks.take_cause() is None
 
 
-def test_thirty_interrupts_are_all_told(request):
+@pytest.mark.parametrize("count", [30, slow(100)])
+def test_all_interrupts_are_reported(request, count):
     """Wherever they fall: in a callback, between two of its lines, in machine code or in Python around it.
 
     But for the garbage collector, whose hook of JAX's prints and forgets an interrupt that falls into it.
@@ -93,7 +95,7 @@ def test_thirty_interrupts_are_all_told(request):
         return np.array([0.0, -9.81])
 
     solver = HHT(pendulum(force=force))
-    for _ in range(30):
+    for _ in range(count):
         calls.clear()
         try:
             solver.solve((0.0, 1e6), Q0, V0, step=0.001, max_seconds=20.0)
@@ -103,6 +105,6 @@ def test_thirty_interrupts_are_all_told(request):
             assert partial.status is Status.interrupted
             assert np.isfinite(partial.q).all()
         timers.pop().join()
-    assert told == 30
+    assert told == count
     assert solver.solve((0.0, 0.1), Q0, V0, step=0.01).success
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

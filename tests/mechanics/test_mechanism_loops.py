@@ -142,14 +142,15 @@ def test_joints_that_share_a_load_are_named():
     assert parallelogram().mobility().degrees_of_freedom == 1
 
 
+@pytest.mark.parametrize("poses", [40, slow(100)])
 @pytest.mark.parametrize("make", [spatial_crank, four_bar])
-def test_rough_poses_come_together_on_the_same_branch(make):
-    """40 poses off by up to 0.25 m or in each coordinate: at least 38 assemble, and none of them on another branch."""
+def test_rough_poses_come_together_on_the_same_branch(make, poses):
+    """Of poses off by up to 0.25 m or in each coordinate 95 % assemble, and none of them on another branch."""
     random, right = np.random.default_rng(11), 0
     m = make()
     m.assemble()
     drawn = {name: (body.x, body.R, body.angle) for name, body in m.bodies.items()}
-    for _ in range(40):
+    for _ in range(poses):
         for name, (x, R, angle) in drawn.items():
             body, off = m.bodies[name], random.uniform(-0.25, 0.25, 7)
             body.x = x + off[: m.dimension]
@@ -168,7 +169,7 @@ def test_rough_poses_come_together_on_the_same_branch(make):
             if make is four_bar or name == "slider":
                 np.testing.assert_allclose(m.bodies[name].x, x, atol=1e-7)
                 np.testing.assert_allclose(m.bodies[name].R, R, atol=1e-7)
-    assert right >= 38
+    assert right >= 0.95 * poses
 
 
 def test_start_has_the_rates_asked_for_and_open_loops_are_named():
