@@ -26,7 +26,7 @@ from hhtbench.protocol.system import (
     full_pattern,
 )
 
-STATES, INPUTS = "x", "u"  # names of the further arguments
+STATES, INPUTS = "x", "u"  # arguments of functions that take first-order states or held inputs, too
 TAKE_BOTH = ("force", "state_rate", "reaction", "velocity_reaction", "energy", "power", "invariants")
 MEASURED = ("energy", "power", "invariants")
 STATE_RATE = ("t", "q", "v")
@@ -55,6 +55,11 @@ class Layout(NamedTuple):
     def u(self, q: Any) -> Any:
         """Inputs (..., l) in extended coordinates."""
         return q[..., self.n + self.states : self.n + self.states + self.inputs]
+
+    def given(self, names: tuple[str, ...], q: Any, v: Any) -> dict[str, Any]:
+        """States and inputs by those of their argument names that are in ``names``."""
+        parts = {STATES: lambda: self.x(v), INPUTS: lambda: self.u(q)}
+        return {name: parts[name]() for name in names}
 
 
 class Extended(System):
@@ -145,24 +150,26 @@ def on_extended(inner: System | NumpySystem, layout: Layout, name: str, xp: Any)
     return function
 
 
-def _further(function: Any, name: str) -> list[str]:
-    """Which of states and inputs the function ``name`` takes behind its other arguments.
+def states_and_inputs(function: Any, count: int) -> tuple[str, ...]:
+    """Names among ``STATES`` and ``INPUTS`` of the arguments that ``function`` takes behind its first ``count``."""
+    try:
+        parameters = list(inspect.signature(function).parameters)[count:] if callable(function) else []
+    except ValueError:  # a function of C
+        parameters = []
+    return tuple(name for name in (STATES, INPUTS) if name in parameters)
+
+
+def _further(function: Any, name: str) -> tuple[str, ...]:
+    """Names of the states and inputs that the function ``name`` takes behind its other arguments.
 
     Raises
     ------
     TypeError
-        One stands before them.
+        One stands before ``lam``.
     """
-    if not callable(function):
-        return []
-    try:
-        parameters = list(inspect.signature(function).parameters)
-    except ValueError:  # a function of C
-        return []
-    own = len(STATE_RATE if name == "state_rate" else SIGNATURES[name].arguments)
-    further = [one for one in (STATES, INPUTS) if one in parameters[own:]]
-    before = parameters[: parameters.index("lam")] if name in WITH_VELOCITY and "lam" in parameters else []
-    if any(one in before for one in further):
+    further = states_and_inputs(function, len(STATE_RATE if name == "state_rate" else SIGNATURES[name].arguments))
+    parameters = list(inspect.signature(function).parameters) if name in WITH_VELOCITY and callable(function) else []
+    if "q" in parameters and "lam" in parameters and {STATES, INPUTS} & {*parameters[: parameters.index("lam")]}:
         raise TypeError(f"{name} takes states and inputs behind lam; it is declared with ({', '.join(parameters)}).")
     return further
 
@@ -185,9 +192,7 @@ def _called(
 
     def call(named: dict[str, Any]) -> Any:
         own = [named[one][: layout.n] if one in ("q", "v") else named[one] for one in given]
-        more = {STATES: layout.x(named["v"])} if STATES in further else {}
-        more |= {INPUTS: layout.u(named["q"])} if INPUTS in further else {}
-        return function(*own, **more)
+        return function(*own, **layout.given(further, named["q"], named.get("v")))
 
     return call
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -11,8 +10,8 @@ import numpy as np
 
 from hhtbench.protocol.arguments import real_vector
 from hhtbench.protocol.errors import ProblemError
-from hhtbench.protocol.events import MULTIPLIERS, Event, make_events
-from hhtbench.protocol.extended import INPUTS, STATES, Layout, extended
+from hhtbench.protocol.events import Event, make_events
+from hhtbench.protocol.extended import Layout, extended, states_and_inputs
 from hhtbench.protocol.sampled import Sampled, sampling_events
 from hhtbench.protocol.scales import Scales, Unscaled
 from hhtbench.protocol.system import declared
@@ -117,36 +116,22 @@ def extended_events(given: Any, layout: Layout) -> tuple[Event, ...]:
     )
 
 
-def _taken(function: Callable[..., Any], count: int) -> tuple[str, ...]:
-    """Which of states and inputs a function takes behind ``count`` arguments."""
-    try:
-        parameters = list(inspect.signature(function).parameters)[count:]
-    except ValueError:
-        return ()
-    return tuple(name for name in (STATES, INPUTS) if name in parameters)
-
-
-def _further(layout: Layout, names: tuple[str, ...], q: Any, v: Any) -> dict[str, Any]:
-    values = {STATES: layout.x(v)} if STATES in names else {}
-    return values | ({INPUTS: layout.u(q)} if INPUTS in names else {})
-
-
 def _event_function(event: Event, layout: Layout) -> Callable[..., Any]:
     function, n = event.function, layout.n
     if event.takes_multipliers:
         return lambda t, q, v, lam, mu: function(t, q[:n], v[:n], lam, mu)
-    names = _taken(function, len(MULTIPLIERS.arguments) - 2)
+    names = states_and_inputs(function, 3)
     if not names:
         return lambda t, q, v: function(t, q[:n], v[:n])
-    return lambda t, q, v: function(t, q[:n], v[:n], **_further(layout, names, q, v))
+    return lambda t, q, v: function(t, q[:n], v[:n], **layout.given(names, q, v))
 
 
 def _change(event: Event, layout: Layout) -> Callable[..., Any]:
     change: Any = event.change
-    n, names = layout.n, _taken(change, 3)
+    n, names = layout.n, states_and_inputs(change, 3)
 
     def changed(t: float, q: Any, v: Any) -> Any:
-        found = change(t, q[:n], v[:n], **_further(layout, names, q, v))
+        found = change(t, q[:n], v[:n], **layout.given(names, q, v))
         if not isinstance(found, (tuple, list)) or len(found) not in (2, 3):
             return found
         x = layout.x(v) if len(found) == 2 else found[2]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -13,6 +12,7 @@ import numpy as np
 from hhtbench.protocol.arguments import Vector, real_array, real_number, real_values
 from hhtbench.protocol.errors import ProblemError
 from hhtbench.protocol.events import Event
+from hhtbench.protocol.extended import INPUTS, STATES, states_and_inputs
 
 SAME_TIME = 1e-9  # relative to a period: a delay this close to whole periods is that many
 
@@ -97,8 +97,8 @@ def _sampled(
 ) -> tuple[Vector, Vector]:
     """Change of (q, v) by a sample: stored samples move on by one place."""
     q, v = np.array(q), np.asarray(v)
-    more = {"x": layout.x(v), "u": np.concatenate([q[place] for place in newest])}
-    taken = {name: more[name] for name in [*inspect.signature(one.law).parameters][3:] if name in more}
+    more = {STATES: layout.x(v), INPUTS: np.concatenate([q[place] for place in newest])}
+    taken = {name: more[name] for name in states_and_inputs(one.law, 3)}
     value = real_values(f"the law of {one.name!r}", one.law(t, q[: layout.n], v[: layout.n], **taken))
     if value.shape != one.start.shape:
         raise ProblemError(f"the law of {one.name!r} must return shape {one.start.shape}, as start; got {value.shape}.")

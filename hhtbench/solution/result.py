@@ -233,7 +233,7 @@ class Solution(Filled):
         if not project:
             return found
         if self.projection is None:
-            raise ValueError("this solution came without its system's functions, as from a pickle: project=True needs them.")
+            raise ValueError("project=True needs the system's functions: this solution is of a pickle, or joined at events.")
         return self.projection(t, found)
 
     def drift(self) -> Any:

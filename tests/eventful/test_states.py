@@ -370,6 +370,13 @@ def test_functions_in_the_wrong_form_are_refused():
     start = {"name": "swapped", "t_span": (0, 1), "q0": [1], "v0": [0], "inputs": inputs}
     assert hb.solve(hb.Problem(system=Swapped(), **start), rtol=1e-6).success
 
+    class Mixed(Block):
+        def reaction(self, t, q, x, lam):
+            return jnp.stack([x[0] * lam[0], -lam[0]])
+
+    with pytest.raises(TypeError, match="behind lam"):
+        hb.Problem(name="mixed", system=Mixed(), t_span=(0, 2), q0=[0, 0], v0=[0, 0], x0=[0])
+
     class Deaf(hb.System):
         def force(self, t, q, v):
             return -q

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import inspect
 from numbers import Real
@@ -111,11 +112,12 @@ def _effort(u: Any, gear: Any, gain: Any, start: Any, low: Any, high: Any, least
 
 
 class _EffortOf:
-    """Force of a control that is a function, of time or of what it names."""
+    """Force of a control that is a function of time, or of states and inputs by their names."""
 
     def __init__(self, control: Any, numbers: list[float]) -> None:
         self._control, self._numbers = control, numbers
-        self.__signature__ = inspect.signature(control)
+        with contextlib.suppress(ValueError):  # a function of C has none, and is one of time
+            self.__signature__ = inspect.signature(control)
 
     def __call__(self, *given: Any) -> Any:
         return _effort(*[self._control(*given), *self._numbers, 0.0])

@@ -230,7 +230,7 @@ class Parts:
         return self.arrays(self.rows[family])
 
     def arrays(self, rows: list[Row], names: tuple[str, ...] = ()) -> Rows:
-        """Rows as arrays; ``names`` of what their laws may take."""
+        """Rows as arrays; ``names``: arguments that their laws may have."""
         first, second = (tuple(self.number(row.bodies[side]) for row in rows) for side in (0, 1))
         a, b = np.array([row.points for row in rows]).swapaxes(0, 1)
         u, w, y = np.array([row.directions for row in rows]).swapaxes(0, 1)
