@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import fields
 from functools import partial
 from typing import Any
 
+import numpy as np
+
 from hhtbench.protocol.arguments import Vector
 from hhtbench.solution.counting import Clock, Work
-from hhtbench.solution.request import Request
+from hhtbench.solution.request import ADDS_UP, Request
 from hhtbench.solution.result import Counters, Solution
 from solvers._start import Failure
 from solvers.eventful.phase import PhaseFunctions
@@ -32,7 +35,7 @@ class SolverRuns:
         ``begun``: the motion has begun before, so that the start may have drifted off the constraints, unless it is
         ``bound`` to them.
         """
-        fixed = {} if self.h is None else {"step": self.h, "steps": None}
+        fixed = {} if self.h is None else {"step": None, "steps": _equal_steps(self.h, abs(end - start.t))}
         asked = self.request.but(t_eval=t_eval, **fixed)
         for budget, counter in (("max_num_steps", "steps_accepted"), ("max_evaluations", "residual_evaluations")):
             if (most := getattr(asked, budget)) is not None:
@@ -56,6 +59,14 @@ class SolverRuns:
         if self._output and found["output_evaluations"] is not None:
             found["output_evaluations"] += _summed(self._output, "residual_evaluations") or 0
         return Counters(**found, provenance=self._spent[0].provenance if self._spent else "counted")
+
+
+def _equal_steps(h: float, span: float) -> Vector:
+    """Lengths [s] of steps ``h`` over ``span`` [s], the last one up to its end."""
+    count = max(1, math.ceil(span / h * (1.0 - ADDS_UP)))
+    lengths = np.full(count, h)
+    lengths[-1] = span - (count - 1) * h
+    return lengths
 
 
 def _summed(parts: list[Counters], name: str) -> int | None:

@@ -219,7 +219,10 @@ def test_two_inputs_have_their_own_periods():
 
 def test_thousands_of_samples():
     inputs = hb.Sampled(lambda t, q, v: -v[0], every=0.001)
-    run = hb.solve(hb.Problem(name="many", system=Pushed(), t_span=(0, 1.5), q0=[0], v0=[1], inputs=inputs), rtol=1e-6)
+    half = hb.Event(lambda t, q, v: v[0] - 0.5, name="half")
+    start = {"t_span": (0, 1.5), "q0": [0], "v0": [1], "inputs": inputs, "events": half}
+    run = hb.solve(hb.Problem(name="many", system=Pushed(), **start), rtol=1e-6)
+    assert run.t_events[0] == pytest.approx([np.log(0.5) / np.log(0.999) / 1000], abs=1e-6)
     assert run.success
     assert np.isclose(run.v[-1, 0], 0.999**1500, rtol=1e-6)
 

@@ -122,3 +122,13 @@ def test_sizes_of_states_and_inputs_do_not_scale_a_problem_that_has_none():
     problem = m.problem((0, 1), scales=hb.Scales(v=2.0))
     assert problem.scales.v.tolist() == [2.0, 2.0, 2.0, 1.0, 1.0]
     assert problem.scales.q[-1] == 1e4
+
+
+def test_a_measure_stays_right_where_further_bodies_are_added():
+    m, before = arm(plane=True)
+    angle = m.measure("A")
+    m.body("more", 1.0, 0.1, at=(5, 5), turned=0.5)
+    m.revolute("B", "ground", "more", at=(5, 6))
+    after = m.problem((0, 1))
+    assert float(angle(0.0, after.q0[:6], after.v0[:6])) == pytest.approx(0.3)
+    assert float(angle(0.0, before.q0[:3], before.v0[:3])) == pytest.approx(0.3)
